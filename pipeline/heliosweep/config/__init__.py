@@ -2,8 +2,8 @@
 
 The module ``source`` reads the text, and ``values`` reads values with their units and sweeps. The modules ``blocks``,
 ``times``, ``layouts``, ``sites``, ``sample``, ``search`` and ``study`` declare keys. The modules ``tables`` and
-``weather_files`` read further files, and ``load`` reports every problem with its line and column. Families import the
-names that they need from this package.
+``weather_files`` read other input files, and ``load`` reports every problem with its line and column. Families import
+the names that they need from this package.
 """
 
 from heliosweep.config.blocks import (

@@ -1,4 +1,4 @@
-"""The base class of blocks, blocks common to all families, and conversion of pydantic's errors to located problems.
+"""Base class of blocks, the blocks common to all families, and conversion of pydantic errors to located problems.
 
 A family declares its own blocks in the same way. The block `execution` does not affect the numbers of a result.
 """
@@ -32,7 +32,7 @@ from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity
 from heliosweep.errors import Problem
 
 UNKNOWN_KEY = "unknown key"
-#: Value for a path that is not in the file.
+#: Marker for a path that does not exist in the file.
 _ABSENT = object()
 _MESSAGES = {
     **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "must be a mapping of keys to values"),
@@ -73,14 +73,14 @@ class Block(BaseModel):
 
     @classmethod
     def parameter(cls, key: str) -> Parameter | None:
-        """Return the declaration of the field `key`, such as a Quantity; None for blocks and lists."""
+        """Return the declaration of the field `key`, such as a Quantity, or None for a block or a list."""
         return next((item for item in cls.model_fields[key].metadata if isinstance(item, Parameter)), None)
 
     @classmethod
     def literals(cls, key: str) -> tuple[str, ...]:
         """Return the allowed values of the field `key` if it is a Literal, such as ``clock: solar``.
 
-        Empty otherwise.
+        The tuple is empty for any other field.
         """
         annotation = cls.model_fields[key].annotation if key in cls.model_fields else None
         return get_args(annotation) if get_origin(annotation) is Literal else ()
@@ -112,7 +112,7 @@ def declares(block: type[Block], key: str) -> bool:
 
 
 def blocks_in(annotation: Any) -> Iterator[type[Block]]:
-    """Yield the classes of blocks in an annotation."""
+    """Yield the block classes that an annotation contains."""
     if isinstance(annotation, type) and issubclass(annotation, Block):
         yield annotation
     for argument in get_args(annotation):
@@ -120,7 +120,7 @@ def blocks_in(annotation: Any) -> Iterator[type[Block]]:
 
 
 def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
-    """Yield a problem for each error in the validation of `source.data`, except for consequences of other errors."""
+    """Yield a problem for each validation error of `source.data`, except for errors caused by other errors."""
     errors = [(details, *_located(details, source.data)) for details in error.errors(include_url=False)]
     extra = [(details, path) for details, path, _ in errors if details["type"] == "extra_forbidden"]
     unknown = {path: _meant(details, block) for details, path in extra[: MAX_FAULTS + 1]}
@@ -155,9 +155,9 @@ def _message(details: ErrorDetails, block: type[Block]) -> str:
 
 
 def _located(details: ErrorDetails, data: Any) -> tuple[Path, Any]:
-    """Return the path in the file, and the value.
+    """Return the path of an error in the file, and the value at this path.
 
-    The location from pydantic also contains the chosen members of unions.
+    The location from pydantic also contains the selected union members, which are not part of the path.
     """
     location, path = details["loc"], list[str | int]()
     for position, part in enumerate(location):
@@ -232,7 +232,7 @@ class Heliostat(Block):
 class Output(Block):
     """Stored variables and their format, which are not part of the study's identity."""
 
-    #: Flags that add results with one number for each point. A search sets these flags.
+    #: Flags that add scalar results, with one number for each point. A search enables these flags.
     OF_POINTS: ClassVar[tuple[str, ...]] = ()
 
     time_series: Annotated[bool, Flag("Also store the values at each instant")] = False
@@ -255,7 +255,7 @@ class Output(Block):
     @model_validator(mode="before")
     @classmethod
     def _read_zarr(cls, data: Any) -> Any:
-        """Read the format of version 0.1 that is no longer written."""
+        """Replace the format ``zarr`` of version 0.1, which is no longer written, by ``netcdf``."""
         if not isinstance(data, dict) or data.get("format") != "zarr":
             return data
         logging.getLogger("heliosweep").warning(
@@ -265,7 +265,7 @@ class Output(Block):
         return data | {"format": "netcdf", "compression": "none" if data.get("compression") == "none" else "zlib"}
 
     def without_series(self) -> Iterable[Fault]:
-        """Yield a fault if a time series is requested although the instants are points of the result."""
+        """Yield a fault if a time series is requested although each instant is already a point of the result."""
         if self.time_series:
             message = "has no effect, because each instant is already a point of the result: remove it"
             yield Fault(message, ("output", "time_series"), show_value=False)
@@ -279,7 +279,7 @@ class Published(Block):
 
 
 class Report(Block):
-    """Additions of the report to the figures of the result."""
+    """Contents of the report in addition to the figures of the result."""
 
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
 
@@ -305,7 +305,7 @@ class Scheduler(Choice):
 
 
 class Execution(Block):
-    """Engine and machine of a run, which do not affect the numbers of the result."""
+    """Computing settings of a run. They do not affect the numbers of the result."""
 
     scheduler: Annotated[
         str,
@@ -349,7 +349,7 @@ class Execution(Block):
     @model_validator(mode="before")
     @classmethod
     def _read_earlier_keys(cls, data: Any) -> Any:
-        """Read profiles and jobs of version 0.1."""
+        """Convert the keys `job`, `profile` and `profiles` of version 0.1 to the current keys."""
         if not isinstance(data, dict) or not {"job", "profile", "profiles"} & data.keys():
             return data
         logging.getLogger("heliosweep").warning(
@@ -367,7 +367,7 @@ class Execution(Block):
         return {key: value for key, value in keys.items() if key not in ("job", "profile", "profiles")}
 
     def rules(self) -> Iterable[Fault]:
-        """Check that a cluster has a class, and that the scheduler uses it."""
+        """Check that `cluster` has a class and that the scheduler is ``distributed``."""
         if self.cluster is not None and "." not in str(self.cluster.get("class", "")):
             yield Fault("must have a class, such as class: dask_jobqueue.SLURMCluster", ("cluster",))
         elif self.cluster is not None and self.scheduler != "distributed":
@@ -380,7 +380,7 @@ _DOI = r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)"
 
 
 def _matched(expression: str, example: str, raw: Any) -> str:
-    """Return the text, or the group of the expression if it has one. Raises Invalid."""
+    """Return the string, or the group of the expression if it has one. Raises Invalid if the string does not match."""
     match = re.fullmatch(expression, free_text(raw).strip())
     if match is None:
         raise Invalid(f"must be {example}")
@@ -426,7 +426,7 @@ class Funding(Block):
 
 
 class Dataset(Block):
-    """Authors, licence and keywords of the result as a publication, which are not part of the study's identity."""
+    """Authors, licence and keywords of the published result. They are not part of the study's identity."""
 
     creators: Annotated[tuple[Creator, ...], Field(description="Authors, in the order of citation")] = ()
     license: Annotated[

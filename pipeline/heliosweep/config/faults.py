@@ -19,7 +19,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 #: Maximum number of reported faults in one list.
 MAX_FAULTS = 100
 
-#: Words of other programs and of the field that users may write as keys, and the remedy.
+#: Terms of other programs and of the literature that users may write instead of a key, each with its remedy.
 SYNONYMS = {
     **dict.fromkeys(
         ("slurm", "pbs", "sge", "lsf", "oar", "htcondor", "job", "profile", "profiles"),
@@ -63,9 +63,9 @@ class Fault:
     Parameters
     ----------
     message : str
-        Message that follows the key as the end of a sentence.
+        End of a sentence that begins with the key.
     path : tuple of str or int
-        The wrong part, relative to the value; empty for the value itself.
+        Path of the wrong part, relative to the value; empty if the value itself is wrong.
     show_value : bool
         If True, the message repeats the value: ``(got 91)``.
     """
@@ -76,7 +76,7 @@ class Fault:
 
 
 class Invalid(ValueError):
-    """Error with one or several faults of a value that cannot be read."""
+    """Error that lists the faults of a value that cannot be read."""
 
     def __init__(self, faults: str | Fault | Iterable[Fault]) -> None:
         if isinstance(faults, str):
@@ -85,7 +85,7 @@ class Invalid(ValueError):
         super().__init__("; ".join(fault.message for fault in self.faults))
 
     def under(self, *place: str | int) -> tuple[Fault, ...]:
-        """Return the faults with paths that begin with `place`."""
+        """Return the faults with `place` prepended to their paths."""
         return tuple(Fault(fault.message, (*place, *fault.path), fault.show_value) for fault in self.faults)
 
 
@@ -119,7 +119,7 @@ def each(entries: Iterable[object], read: Callable[[Any], T]) -> list[T]:
 
 
 def to_pydantic(faults: Iterable[Fault]) -> ValidationError:
-    """Return the faults as a pydantic ValidationError, which keeps the positions within a value."""
+    """Return the faults as a pydantic ValidationError, which preserves their paths within a value."""
     return ValidationError.from_exception_data(
         "study",
         [
@@ -144,7 +144,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean '...'?`` with the most similar known word, or an empty text."""
+    """Return ``; did you mean '...'?`` with the most similar known word, or an empty string."""
     meant = nearest(word, known)
     return f"; did you mean '{meant}'?" if meant else ""
 
@@ -156,13 +156,13 @@ def one_of(names: Iterable[str]) -> str:
 
 
 def few_of(values: Iterable[object]) -> str:
-    """Return values as a list: the first ten, and the number of further values."""
+    """Return a string with the first ten values and the number of further values."""
     texts = list(map(str, values))
     return ", ".join(texts[:10]) + (f" and {len(texts) - 10:,} more" if len(texts) > 10 else "")
 
 
 def in_short(text: str) -> str:
-    """Return text on one line, at most 60 characters, with control characters escaped."""
+    """Return a text shortened to one line of at most 60 characters, with control characters escaped."""
     text = "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text[:100])
     return text if len(text) <= 60 else f"{text[:57]}..."
 

@@ -1,4 +1,4 @@
-"""The block `layout` of a study file: a table, or a generator with its ground."""
+"""The block `layout` of a study file: a table of positions, or a generator and its ground."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from heliosweep.config.blocks import Block
 from heliosweep.config.faults import Fault, one_of
 from heliosweep.config.values import Choice, FileName, Numbers, Quantity, Sweep
 
-#: Generators, by their keys.
+#: Keys of the layout generators.
 GENERATORS = ("radial_stagger", "spiral", "rows")
 #: Sources of positions. A layout has exactly one source.
 SOURCES = ("file", "table", *GENERATORS)
-#: Keys of the ground of generated layouts.
+#: Keys that describe the ground of a generated layout.
 GROUND = ("sectors", "boundary", "exclude", "margin", "terrain")
 
 PATTERNS = {
@@ -162,7 +162,7 @@ class Terrain(Block):
     ] = None  # fmt: skip
 
     def rules(self) -> Iterable[Fault]:
-        """Check that there is a grid, or a slope with its azimuth."""
+        """Check that the terrain is either a grid, or a slope with its azimuth."""
         if (self.file is None) == (self.slope is None):
             yield Fault("give exactly one of 'file' and 'slope'", show_value=False)
         elif (self.slope is None) != (self.azimuth is None):
@@ -216,7 +216,7 @@ class Layout(Block):
     @model_validator(mode="before")
     @classmethod
     def _columns_as_table(cls, data: Any) -> Any:
-        """Read ``layout: {x: [...], y: [...]}``, with any titles, as the table of the layout."""
+        """Convert ``layout: {x: [...], y: [...]}``, with any column titles, to the table of the layout."""
         if not isinstance(data, dict) or {*SOURCES} & {*data}:
             return data
         known = {key: value for key, value in data.items() if key in cls.model_fields}
@@ -226,7 +226,7 @@ class Layout(Block):
         return {"table": table, **known}
 
     def rules(self) -> Iterable[Fault]:
-        """Check that there is one source of positions, and that a generated field has a limit."""
+        """Check that there is exactly one source of positions, and that the extent of a generated field is limited."""
         given = [key for key in SOURCES if getattr(self, key) is not None]
         if len(given) != 1:
             yield Fault(f"give exactly one of {one_of(SOURCES).replace(' or ', ' and ')}", show_value=False)

@@ -30,15 +30,15 @@ from heliosweep.files import PVLIB, named_in, seen_from
 
 #: Key for the study file that a study includes.
 INCLUDE = "include"
-#: Option of the command line that sets a key.
+#: Command-line option that sets a key.
 OPTION = "--set"
 
 
 def with_base(source: Source, registry: Mapping[str, type[Study]]) -> Source:
-    """Return a study merged with the study file that it includes, which may include further files.
+    """Return a study merged with the study files that it includes, directly or indirectly.
 
-    Blocks are merged key by key, any other value replaces the value in the base, and ``null`` removes a key of the
-    base. File names in the base are relative to its folder. Raises StudyError for a base that cannot be read.
+    Blocks are merged key by key. Any other value replaces the value in the base, and ``null`` removes a key of the
+    base. File names in the base are relative to its folder. Raises StudyError if a base cannot be read.
     """
     layers = [source]
     while INCLUDE in layers[-1].data:
@@ -52,7 +52,7 @@ def with_base(source: Source, registry: Mapping[str, type[Study]]) -> Source:
 
 
 def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Source:
-    """Return a study with changed values of keys.
+    """Return a study with changed values.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Sour
 
 
 def settings(texts: Iterable[str]) -> dict[str, Any]:
-    """Return the keys and values from texts such as ``receiver.height=90``. Raises StudyError."""
+    """Parse strings such as ``receiver.height=90`` into keys and values. Raises StudyError."""
     changes = {}
     for text in texts:
         key, _, value = (part.strip() for part in text.partition("="))
@@ -109,9 +109,9 @@ def settings(texts: Iterable[str]) -> dict[str, Any]:
 
 
 def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Check keys of the block `execution`, and return them. Text is read as in a study file.
+    """Check and return keys of the block `execution`. Strings are parsed as in a study file.
 
-    Messages begin with `prefix` and the key. Raises StudyError with every problem.
+    Messages begin with `prefix` and the key. Raises a StudyError that lists all problems.
     """
     values = {name: value for name, value in given.items() if value is not None}
     for name, value in values.items():
@@ -126,7 +126,7 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
 
 
 def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
-    """Yield the path of the key and the name of each file in the data of a study."""
+    """Yield, for each file name in the data of a study, the path of its key and the name."""
     blocks = blocks_at(study_class, path)
     if isinstance(data, str) and isinstance(path[-1], int):  # the name of a file instead of a block
         listed = any(path[-2] in block.model_fields for block in blocks_at(study_class, path[:-2]))
@@ -164,7 +164,7 @@ def _base_path(layers: list[Source]) -> pathlib.Path:
         message = "must be the name of a study file, relative to this file"
     else:
         path = named_in(last.directory, name)
-        if not os.path.isfile(path):  # noqa: PTH113 -- False for names that no file can have
+        if not os.path.isfile(path):  # noqa: PTH113 -- False for invalid file names
             message = "no such file, relative to the study file"
         elif path.resolve() in {layer.path.resolve() for layer in layers if layer.path}:
             message = "refers to a file that already includes this file"
@@ -174,7 +174,7 @@ def _base_path(layers: list[Source]) -> pathlib.Path:
 
 
 def _joined(base: Source, above: Source, study_class: type[Study] | None) -> Source:
-    """Return the study `above` with all keys of `base` that it does not replace."""
+    """Return the study `above`, completed by the keys of `base` that it does not replace."""
     base = replace(base, data=copy.deepcopy(base.data))
     for path, name in list(file_names(study_class, base.data)) if study_class else ():
         if not name.startswith((PVLIB, "~")) and not pathlib.Path(name).is_absolute():
@@ -213,12 +213,12 @@ def load(
     changes, named
         Changed keys, as in `changed`.
     check : bool
-        If True, check relations between blocks, and files.
+        If True, check the relations between blocks and the files of the study.
 
     Returns
     -------
     Study
-        Validated and frozen study of the class of its family.
+        Validated and frozen study, an instance of the study class of its family.
 
     Raises
     ------
@@ -231,10 +231,10 @@ def load(
 def load_mapping(
     data: Mapping[str, Any], registry: Mapping[str, type[StudyT]], changes: Mapping[str, Any] | None = None
 ) -> StudyT:
-    """Create a study from a mapping; file names are relative to the working directory.
+    """Create a study from a mapping. File names are relative to the working directory.
 
-    The mapping has the contents of a study file, see :func:`load`. Values may also be arrays and numbers of NumPy,
-    pandas or xarray, ranges, dates and paths.
+    The mapping has the structure of a study file (see :func:`load`). Values may also be NumPy, pandas or xarray arrays
+    and numbers, ranges, dates and paths.
 
     Raises
     ------
@@ -255,7 +255,7 @@ def validated(
     named: str = "",
     check: bool = True,
 ) -> StudyT:
-    """Return the validated study with changed keys. Raises StudyError with all problems."""
+    """Change keys of a study, and return it validated. Raises a StudyError that lists all problems."""
     source = changed(source, changes, named) if changes else source
     problems = list(source.problems)
     study_class = _study_class(source, registry)
@@ -288,7 +288,7 @@ def validated(
 def _merged(
     below: dict[str, Any], given: dict[str, Any], at: Path, is_block: Callable[[Path], bool], replaced: set[Path]
 ) -> dict[str, Any]:
-    """Return a block merged with other keys, where null removes a key; add replaced paths to `replaced`."""
+    """Return a block merged with other keys, of which null removes a key. Adds replaced paths to `replaced`."""
     together = dict(below)
     if at == ("layout",) and {*SOURCES} & {*given}:  # a different kind of layout
         together = {key: value for key, value in below.items() if key not in (*SOURCES, *GROUND) or key in given}
@@ -357,7 +357,7 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
 
 
 def _repeats(study: Study) -> Iterator[Problem]:
-    """Yield problems of values that occur twice with equal values of the keys tied to them by `zip`."""
+    """Yield a problem for each value that is repeated together with the values of all keys tied to it by `zip`."""
     for dim in study.dimensions():
         lists = {key: sweep.items() for key, sweep in dim.sweeps.items() if sweep.form is None}
         if len(lists) < len(dim.sweeps):
@@ -371,7 +371,7 @@ def _repeats(study: Study) -> Iterator[Problem]:
 
 
 def _same_files(study: Study) -> Iterator[Problem]:
-    """Yield problems of different names for the same file, which would be equal in a saved study."""
+    """Yield a problem for each file listed under two names, because the names would be equal in a saved study."""
     for key, names in study.files().items():
         places = [(os.path.realpath(path.parent), path.name) for path in map(study.resolve, names)]
         for position, place in enumerate(places):
@@ -383,7 +383,7 @@ def _same_files(study: Study) -> Iterator[Problem]:
 def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem]:
     for path, name in file_names(study_class, source.data):
         try:
-            if not os.path.isfile(named_in(source.directory, name)):  # noqa: PTH113 -- False for impossible names
+            if not os.path.isfile(named_in(source.directory, name)):  # noqa: PTH113 -- False for invalid names
                 hint = "; write folders with '/'" if "\\" in name else ESCAPED if set("\n\t\r") & set(name) else ""
                 message = f"no such file, relative to the study file{hint} (got {shown(name)})"
                 yield source.problem(path, message)

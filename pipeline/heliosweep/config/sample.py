@@ -2,8 +2,8 @@
 
 A design has one row for each draw and one column for each drawn key. In the designs `sobol` and `random`, draw k
 depends only on the seed and on k, so a longer sample begins with the shorter sample. Draw k of `sobol` belongs to
-sequence k modulo 8 of eight Sobol sequences, which are scrambled independently [1]_. The spread of their means measures
-the error of a mean, which is not possible with a single sequence [2]_.
+sequence k modulo 8 of eight Sobol sequences, which are scrambled independently [1]_. The spread of the eight sequence
+means gives the error of their mean. A single sequence does not give this error [2]_.
 
 References
 ----------
@@ -45,20 +45,20 @@ MORRIS, LOCAL = "morris", "local"
 
 @dataclass(frozen=True)
 class Design:
-    """Draws of a study as probabilities.
+    """Design of the draws of a study, given as probabilities.
 
     Parameters
     ----------
     kind : {"sobol", "latin_hypercube", "random"}
         Arrangement of the points in the unit cube.
     size : int
-        Number of draws; for a sensitivity, of base points or of trajectories.
+        Number of draws, or, for a sensitivity analysis, number of base points or trajectories.
     seed : int
         Seed of all draws.
     groups : tuple of int
-        Index of the sensitivity parameter of each drawn key.
+        Index of the sensitivity parameter to which each drawn key belongs.
     sensitivity : {"", "sobol", "morris", "local"}
-        Saltelli's design, trajectories of elementary effects, single steps, or empty.
+        Saltelli's design, trajectories of elementary effects, or single steps. Empty without sensitivity analysis.
     factor : tuple of tuple of float
         Cholesky factor of the correlation of the keys, row by row; empty for independent keys.
     """
@@ -90,7 +90,7 @@ class Design:
 
 @lru_cache(maxsize=4)
 def _draws(design: Design) -> NDArray[np.float64]:
-    if design.sensitivity == LOCAL:  # the median of all keys, then each parameter one deviate down, and up
+    if design.sensitivity == LOCAL:  # medians of all keys, then each parameter one deviate down and up
         steps = np.full((len(design), len(design.groups)), 0.5)
         for key, parameter in enumerate(design.groups):
             steps[2 * parameter + 1 : 2 * parameter + 3, key] = scipy.special.ndtr([-1.0, 1.0])
@@ -99,15 +99,15 @@ def _draws(design: Design) -> NDArray[np.float64]:
         return 0.125 + 0.75 * levels(design)  # the probabilities of the first and the last level are 1/8 and 7/8
     points = np.clip(_points(design, len(design.groups) * (2 if design.sensitivity else 1)), LEAST, 1.0 - LEAST)
     if design.factor:
-        # A Gaussian copula. It uses einsum, because the rounding of a matrix product depends on its shape.
+        # Gaussian copula. einsum is used because the rounding of a matrix product depends on its shape.
         factor = np.array(design.factor)
         points = np.clip(
             scipy.special.ndtr(np.einsum("dk,ck->dc", scipy.special.ndtri(points), factor)), LEAST, 1.0 - LEAST
         )
     if not design.sensitivity:
         return points
-    # Rows of a base point: all keys from the first half; for each parameter, its keys from the second half; and all
-    # keys from the second half.
+    # Rows of a base point: all keys from the first half; for each parameter, a row with its keys from the second half;
+    # finally, all keys from the second half.
     first, second = (np.repeat(half, design.rows, axis=0) for half in np.split(points, 2, axis=1))
     row = np.tile(np.arange(design.rows), design.size)[:, np.newaxis]
     return np.where((np.array(design.groups) == row - 1) | (row == design.rows - 1), second, first)
@@ -129,13 +129,13 @@ def _points(design: Design, columns: int) -> NDArray[np.float64]:
 
 
 def levels(design: Design) -> NDArray[np.float64]:
-    """Return the trajectories of elementary effects, each level between 0 and 1, shape (draws, keys)."""
+    """Return the trajectories of elementary effects as levels between 0 and 1, shape (draws, keys)."""
     morris = load_extra("SALib.sample.morris", "SALib", "sensitivity")
     return np.asarray(morris.sample(problem(design), design.size, 4, seed=design.seed))
 
 
 def problem(design: Design) -> dict[str, object]:
-    """Return the problem dictionary of SALib."""
+    """Return the definition of the problem for SALib."""
     names = [f"{number:05}" for number in range(len(design.groups))]
     groups = [f"{group:05}" for group in design.groups] if design.parameters < len(names) else None
     return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names), "groups": groups}
@@ -145,7 +145,7 @@ def problem(design: Design) -> dict[str, object]:
 SAMPLE = "sample"
 #: Maximum number of draws.
 MAX_SIZE = 2**20
-#: Minimum number of draws of Sobol sequences.
+#: Minimum number of draws of the design `sobol`.
 LEAST_SOBOL = 2 * REPLICATES
 
 
@@ -213,7 +213,7 @@ class Sample(Block):
     statistics: Annotated[SampleStatistics, Field(description="Stored statistics of the draws")] = SampleStatistics()
 
     def rules(self) -> Iterator[Fault]:
-        """Check size and design, and that each key is used."""
+        """Check the size and the design, and that every given key is used."""
         kind, size = self.sensitivity, self.size
         purpose, own_design = f"cannot be used with 'sensitivity: {kind}'", kind in (MORRIS, LOCAL)
         wrong = (
@@ -242,14 +242,14 @@ def drawn_keys(study: Study) -> dict[str, Drawn]:
 
 
 def columns_of(study: Study) -> dict[str, str]:
-    """Return for each drawn key the key of its column in the design, the first of the keys tied by `zip`."""
+    """Return, for each drawn key, the key of its design column: the first of the keys tied to it by `zip`."""
     keys = list(drawn_keys(study))
     first = {key: min(group, key=keys.index) for group in study.tied_keys() if group[0] in keys for key in group}
     return {key: first.get(key, key) for key in keys}
 
 
 def sample_problems(study: Study) -> Iterator[Problem]:
-    """Yield problems between the block `sample` and the drawn keys of a study."""
+    """Yield a problem for each conflict between the block `sample` and the drawn keys of a study."""
     columns, sample = columns_of(study), study.sample
     drawn = list(dict.fromkeys(columns.values()))
     if sample is None or not drawn:
@@ -287,7 +287,7 @@ def sample_problems(study: Study) -> Iterator[Problem]:
 
 
 def _group_problems(study: Study, sample: Sample, columns: Mapping[str, str]) -> Iterator[Problem]:
-    """Yield problems of keys in correlations and groups that are not drawn or are tied, and of wrong groups."""
+    """Yield a problem for each wrong group, and for each correlated or grouped key that is not drawn or is tied."""
     drawn = list(dict.fromkeys(columns.values()))
     members = {f"groups.{name}[{j}]": key for name, keys in sample.groups.items() for j, key in enumerate(keys)}
     pairs = {f"correlation[{i}][{j}]": str(pair[j]) for i, pair in enumerate(sample.correlation) for j in (0, 1)}
@@ -304,9 +304,9 @@ def _group_problems(study: Study, sample: Sample, columns: Mapping[str, str]) ->
 
 
 def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | None:
-    """Return the Cholesky factor of the correlation of the keys by row.
+    """Return the rows of the Cholesky factor of the correlation matrix of the keys.
 
-    Empty without correlation, None if not positive.
+    The result is empty if no correlation is given, and None if the matrix is not positive definite.
     """
     matrix = np.eye(len(keys))
     for first, second, correlation in sample.correlation:
@@ -322,14 +322,14 @@ def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | 
 
 
 def _parameters(study: Study) -> list[str]:
-    """Return the parameter of a sensitivity for each column of the design: its group, or its key."""
+    """Return the sensitivity parameter of each design column: the group of its key, or the key itself."""
     assert study.sample is not None
     group_of = {key: name for name, members in study.sample.groups.items() for key in members}
     return [group_of.get(key, key) for key in dict.fromkeys(columns_of(study).values())]
 
 
 def parameter_names(study: Study) -> list[str]:
-    """Return the names of the sensitivity parameters in their order: groups, and keys outside groups."""
+    """Return the names of the sensitivity parameters in order. A parameter is a group or an ungrouped key."""
     return list(dict.fromkeys(_parameters(study)))
 
 

@@ -1,4 +1,4 @@
-"""Keys of the study files of a family: JSON Schema, and meaning, allowed values and defaults as text."""
+"""Describe the keys of a family's study files as JSON Schema, or in words for the documentation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from heliosweep.config.values import Numbers, Parameter, Samples, Schema
 def json_schema(study_class: type[Study]) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of the study files of a family for editors, with units and descriptions.
 
-    No key is required in it: searches and included files supply keys, and `load` reports the missing ones.
+    The schema requires no key, because searches and included files may supply keys. `load` reports missing keys.
     """
     schema = study_class.model_json_schema(schema_generator=_StudySchema)
     for block in (schema, *schema["$defs"].values()):
@@ -27,7 +27,7 @@ def json_schema(study_class: type[Study]) -> dict[str, Any]:
 
 
 class _StudySchema(GenerateJsonSchema):
-    """Schema generator that omits null and missing defaults, which do not exist in study files."""
+    """Schema generator that omits null and missing defaults, because study files do not contain them."""
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
@@ -47,11 +47,11 @@ class Key:
     name : str
         Dotted key, with ``[]`` instead of the index of a list entry.
     meaning, unit : str
-        Description, and unit of a number without a unit.
+        Description, and the unit of numbers that are given without one.
     options : tuple of (str, str)
         Allowed names with their meanings.
     value, default : str
-        Text of the allowed values, and the default in YAML; empty if there is none.
+        Description of the allowed values, and the default in YAML; empty if there is none.
     required : bool
         True if the key is required in its block.
     swept, sampled : bool
@@ -73,7 +73,7 @@ class Key:
 
 
 def keys_of(block: type[Block], prefix: str = "") -> Iterator[Key]:
-    """Yield each key of a block, followed by the keys inside."""
+    """Yield each key of a block, followed by the keys of its nested blocks."""
     for name, field in block.model_fields.items():
         blocks = [] if block.parameter(name) else list(dict.fromkeys(_blocks(field.annotation)))
         yield _key(block, name, prefix, blocks)
@@ -106,7 +106,7 @@ def _key(block: type[Block], name: str, prefix: str, blocks: list[Any]) -> Key:
 
 
 def _merged(tags: list[str], keys: list[Key], blocks: int) -> Key:
-    """Merge the keys with the same name in several kinds of a block."""
+    """Merge keys that have the same name in different kinds of a block."""
     key = keys[0]
     # the key selects the kind of the block
     if blocks > 1 and all(one.value[:1] == "`" and not one.options for one in keys):
@@ -116,7 +116,7 @@ def _merged(tags: list[str], keys: list[Key], blocks: int) -> Key:
 
 
 def _blocks(annotation: Any, suffix: str = "") -> Iterator[tuple[str, type[Block]]]:
-    """Yield the classes of blocks in an annotation, each with ``[]`` if it is in a list."""
+    """Yield the block classes in an annotation, each with the suffix ``[]`` if the block is in a list."""
     if isinstance(annotation, type) and issubclass(annotation, Block):
         yield suffix, annotation
     for argument in get_args(annotation) if get_origin(annotation) is not dict else ():
@@ -159,7 +159,7 @@ def _number(value: float, unit: str = "") -> str:
 
 
 def _form_text(form: Schema, unit: str = "") -> str:
-    """Return a part of a JSON Schema as text; empty for a number with its unit."""
+    """Describe a part of a JSON Schema in words. Returns an empty string for a number with its unit."""
     kind = form.get("type")
     if names := form.get("enum", [form["const"]] if "const" in form else []):
         return ", ".join(f"`{name}`" for name in names)

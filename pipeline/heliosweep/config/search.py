@@ -131,7 +131,7 @@ class Search(Block):
 
 
 def population(keys: int, goals: int) -> int:
-    """Return the number of evaluations of one generation."""
+    """Return the number of evaluations in one generation."""
     return max(10, 5 * keys) if goals < 2 else 4 * (4 + 2 * keys)
 
 
@@ -149,10 +149,10 @@ def searchable(block: type[Block], prefix: str = "") -> dict[str, Parameter]:
 
 
 def with_search(source: Source, study_class: type[Study], problems: list[Problem]) -> Source:
-    """Return a study with the bounds of its search in the units of their keys, and with a start value for each key.
+    """Return a study whose searched keys have a start value, and bounds in their unit.
 
-    If a searched key has no value, the search starts at the middle of its bounds, or at the first choice. Problems of
-    keys are added to `problems`.
+    If a searched key has no value, the search starts at the middle of its bounds, or at the first choice. Problems
+    with keys are added to `problems`.
     """
     try:
         extents = {str(key): Extent("").read(raw) for key, raw in source.data["search"]["over"].items()}
@@ -194,7 +194,7 @@ def _read(declared: Parameter, extent: Any) -> tuple[Any, Any]:
 
 
 def search_problems(study: Study) -> Iterator[Problem]:
-    """Yield problems between a search and the rest of its study."""
+    """Yield a problem for each conflict between a search and the rest of its study."""
     search: Search | None = study.search
     if search is None:
         return

@@ -1,7 +1,7 @@
 """Blocks for sites, weather and limits of operation; sites from tables and weather files.
 
-If a site is given as a weather file (``site: {file: x.epw}``, ``sites: [{file: a.epw}, ...]``), the site in the header
-of the file replaces the name before the study is checked. Only the header is part of the study's identity.
+If a site is given as a weather file (``site: {file: x.epw}``, ``sites: [{file: a.epw}, ...]``), the site data in its
+header replace the file name before the study is checked. Only the header is part of the study's identity.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def _sites_form(raw: Any) -> str | None:
     if isinstance(raw, list | tuple):
         return "list"
     if isinstance(raw, dict) and any(isinstance(value, dict) for value in raw.values()):
-        return None  # a mapping of sites by name should be a list
+        return None  # sites must be a list, not a mapping by name
     return "table" if isinstance(raw, dict | SiteFile) else None
 
 
@@ -144,19 +144,19 @@ class ClearSky(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that keys of the atmosphere belong to the model."""
+        """Check that the clear-sky model uses the given atmospheric keys."""
         for key, model in KEYS_OF.items():
             if getattr(self, key) is not None and model not in ends(self.model):
                 yield Fault(f"is only used for the model {model}; remove it", (key,))
 
 
-#: Keys of the atmosphere, and their models.
+#: Clear-sky model that uses each atmospheric key.
 KEYS_OF = {
     "linke_turbidity": "ineichen",
     "aerosol_optical_depth": "simplified_solis",
     "precipitable_water": "simplified_solis",
 }
-#: Names of the dimensions of swept weather and limits.
+#: Dimensions of the swept keys of `weather` and `limits`.
 DIMENSIONS = ("weather", "clear_sky_model", *KEYS_OF, "dni_limit", "sun_elevation_limit", "wind_speed_limit")
 
 
@@ -201,7 +201,7 @@ class Weather(Block):
     clear_sky: Annotated[ClearSky | None, Field(description="A cloudless sky, with 'clock: civil'")] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there is a file or a clear sky, not both."""
+        """Check that either a file or a clear sky is given, but not both."""
         if (self.file is None) == (self.clear_sky is None):
             yield Fault("give exactly one of 'file' and 'clear_sky'", show_value=False)
         for key in ("label", "offset", "timezone"):
@@ -231,7 +231,7 @@ class Limits(Block):
     ] = None  # fmt: skip
 
 
-#: Other titles of the columns of a table of sites.
+#: Alternative column titles in a table of sites.
 _NAMES = {
     "name": ("site", "station", "location", "site_name"),
     "latitude": ("lat",),
@@ -246,7 +246,7 @@ _COLUMNS = {
 
 
 def site_table(study: Study) -> tuple[NamedSite, ...]:
-    """Return the sites of a study in order; none if it has a single ``site``.
+    """Return the sites of a study in order; an empty tuple if the study has a single ``site``.
 
     Raises
     ------
@@ -262,7 +262,7 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
     for row in range(len(table)):
         cells: dict[str, Any] = {name: texts[row] for name, texts in columns.items() if texts[row]}
         for name in {"latitude", "longitude", "altitude"} & cells.keys():
-            with suppress(ValueError):  # text may have a unit
+            with suppress(ValueError):  # the string may contain a unit
                 cells[name] = float(cells[name])
         try:
             site = NamedSite.model_validate(cells)
@@ -282,14 +282,14 @@ def _table(study: Study, sites: SiteFile) -> Table:
 
 
 def site_notes(study: Study) -> Iterator[str]:
-    """Yield a warning that lists the columns of the table of sites that are not used."""
+    """Yield a warning that lists the unused columns of the table of sites."""
     sites: Any = getattr(study, "sites", None)
     if isinstance(sites, SiteFile) and (unused := _table(study, sites).unused()):
         yield f"{sites.file}: columns that are not used: {few_of(unused)}"
 
 
 def places_of(study: Study) -> tuple[Site | NamedSite, ...]:
-    """Return the single site of a study, or its sites in order; empty if it has none. Raises errors of `site_table`."""
+    """Return the site or the sites of a study in order; empty if it has none. Raises the errors of `site_table`."""
     single: Site | None = getattr(study, "site", None)
     return site_table(study) if single is None else (single,)
 
@@ -301,7 +301,7 @@ def with_sites(study: Study) -> Study:
 
 
 def civil_clock_problems(study: Study) -> Iterator[Problem]:
-    """Yield problems of the civil clock: sites without longitude, or without time zone if ``time`` has none."""
+    """Yield a problem for each site that has no longitude, or no time zone for the civil clock."""
     single: Any = getattr(study, "site", None)
     places = [("site", single)] if single is not None else []
     places += [(f"sites[{number}]", site) for number, site in enumerate(site_table(study))]
@@ -314,9 +314,9 @@ def civil_clock_problems(study: Study) -> Iterator[Problem]:
 
 
 def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
-    """Replace the names of weather files in the sites of a study by the sites of these files.
+    """Replace names of weather files in the sites of a study by the site data in these files.
 
-    Problems of files are added to `problems`, and a dummy site replaces a file with problems.
+    Problems with files are added to `problems`. A dummy site replaces a file that has problems.
     """
     site, sites = source.data.get("site"), source.data.get("sites")
     new: dict[str, Any] = {}
@@ -334,7 +334,7 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
 
 
 def _filled(source: Source, entry: Any, place: Path, problems: list[Problem]) -> Any:
-    """Return the site of an entry from the header of its file and from its other keys, which have priority."""
+    """Return the site of an entry from the header of its file. Other keys of the entry have priority."""
     if not (isinstance(entry, dict) and "file" in entry):
         return entry
     # A dummy site, so that no further problems are reported.
@@ -343,7 +343,7 @@ def _filled(source: Source, entry: Any, place: Path, problems: list[Problem]) ->
     try:
         if not isinstance(name, str) or not name.strip():
             message = "must be the name of a weather file, such as EPW, TMY3 or PSM"
-        elif not os.path.isfile(path := named_in(source.directory, name)):  # noqa: PTH113 -- False for impossible names
+        elif not os.path.isfile(path := named_in(source.directory, name)):  # noqa: PTH113 -- False for invalid names
             message = "no such file, relative to the study file"
         elif {"latitude", "longitude"} <= (found := parse_weather(path).site).keys():
             site = found

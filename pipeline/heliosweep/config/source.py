@@ -1,7 +1,7 @@
 """Read strict YAML as plain data, with the line and column of every key and value.
 
-The text is read event by event and gives only mappings, lists and scalars. Scalars follow the core schema of YAML 1.2,
-in which ``1e-3`` is a number, while ``no``, ``12:30`` and ``2021-06-21`` are text.
+The YAML text is parsed event by event into mappings, lists and scalars only. Scalars follow the core schema of YAML
+1.2, in which ``1e-3`` is a number, while ``no``, ``12:30`` and ``2021-06-21`` are strings.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from heliosweep.files import user_path
 #: Maximum size of a study file. [bytes]
 MAX_BYTES = 2**20
 
-#: Maximum number of levels of a study file.
+#: Maximum nesting depth of a study file.
 MAX_DEPTH = 50
 
 _WORDS = {
@@ -31,7 +31,7 @@ _WORDS = {
     for name, value in (("true", True), ("false", False), ("null", None))
     for word in (name, name.capitalize(), name.upper())
 } | {"": None, "~": None}
-#: Forms of numbers in the core schema of YAML 1.2 (section 10.3.2) with their readers.
+#: Patterns of numbers in the core schema of YAML 1.2 (section 10.3.2), each with its conversion function.
 _NUMBERS: tuple[tuple[re.Pattern[str], Any], ...] = (
     (re.compile(r"[-+]?[0-9]{1,20}"), int),
     (re.compile(r"0o[0-7]{1,20}|0x[0-9a-fA-F]{1,15}"), lambda text: int(text, 0)),
@@ -44,7 +44,7 @@ ESCAPED = "; in double quotes a backslash starts an escape: write folders with '
 
 
 class Place(NamedTuple):
-    """Line and column in a file, counted from 1 (0 if there is none), and name of a file other than the study file."""
+    """Line and column, counted from 1 (0 if unknown), and the name of the file if it is not the study file."""
 
     line: int
     column: int
@@ -58,13 +58,13 @@ class Source:
     Attributes
     ----------
     data : dict
-        Mappings, lists and scalars of the study. Keys of mappings are text.
+        Mappings, lists and scalars of the study. Keys of mappings are strings.
     path : pathlib.Path or None
         The study file; None for a study built in Python.
     places : mapping of path to two Place
-        Positions of the key and of the value of each path, which are equal for entries of lists.
+        Positions of the key and of the value at each path. Both positions are equal for entries of lists.
     problems : tuple of Problem
-        Problems of the file that did not stop the reading, such as duplicate keys.
+        Problems that did not prevent reading the file, such as duplicate keys.
     bases : tuple of pathlib.Path
         Included study files.
     """
@@ -81,7 +81,7 @@ class Source:
         return self.path.parent if self.path else pathlib.Path()
 
     def value(self, path: Path) -> Any:
-        """Return the part of the data at `path`; KeyError, IndexError or TypeError if there is none."""
+        """Return the data at `path`. Raises KeyError, IndexError or TypeError if the path does not exist."""
         value: Any = self.data
         for part in path:
             value = value[part]
@@ -120,8 +120,8 @@ def read(path: str | os.PathLike[str]) -> Source:
     Raises
     ------
     StudyError
-        If the file cannot be read, is larger than 1 MiB, is not UTF-8 or not YAML, or contains anchors and aliases,
-        tags, control characters, several documents, or a top level that is not a mapping.
+        If the file cannot be read, is larger than 1 MiB, or is not YAML in UTF-8. The error is also raised for
+        anchors, aliases, tags, control characters, several documents, and a top level that is not a mapping.
     """
     try:
         path = user_path(path)
@@ -148,7 +148,7 @@ def read(path: str | os.PathLike[str]) -> Source:
 def from_python(value: Any) -> Any:
     """Convert a study built in Python to the plain data of a study file.
 
-    Arrays and numbers of NumPy, pandas and xarray, ranges and paths become lists, numbers, mappings and text. Other
+    NumPy, pandas and xarray arrays and numbers, ranges and paths become lists, numbers, mappings and strings. Other
     values are returned unchanged.
     """
     if isinstance(value, Mapping):
@@ -160,7 +160,7 @@ def from_python(value: Any) -> Any:
         return {"start": value[0], "stop": value[-1], "num": len(value)} if value else []
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if hasattr(value, "columns") and hasattr(value, "iloc"):  # a table of pandas
+    if hasattr(value, "columns") and hasattr(value, "iloc"):  # a pandas table
         return {str(name): from_python(value[name]) for name in value.columns}
     if hasattr(value, "__array__"):
         array = np.asarray(value)
@@ -170,7 +170,7 @@ def from_python(value: Any) -> Any:
 
 
 def parse(text: str, path: pathlib.Path) -> Source:
-    """Read the text of a study file. Messages refer to `path`. Raises StudyError like :func:`read`."""
+    """Parse the text of a study file. Messages refer to `path`. Raises StudyError like :func:`read`."""
     reader = _Reader(str(path))
     try:
         data = reader.document(yaml.parse(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
@@ -262,7 +262,7 @@ def _place(mark: Any) -> Place:
 
 
 def scalar(text: str) -> Any:
-    """Return the value of an unquoted scalar by the core schema of YAML 1.2."""
+    """Return the value of an unquoted scalar according to the core schema of YAML 1.2."""
     if text in _WORDS:
         return _WORDS[text]
     return next((read(text) for form, read in _NUMBERS if form.fullmatch(text)), text)

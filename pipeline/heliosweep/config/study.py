@@ -27,7 +27,7 @@ from heliosweep.config.values import Distribution, Drawn, FileName, Parameter, S
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
 
-#: Maximum size of a file of a study. [bytes]
+#: Maximum size of an input file of a study. [bytes]
 MAX_BYTES = 512 * 2**20
 
 
@@ -91,22 +91,22 @@ class Study(Block):
         return all(getattr(self, key) == getattr(other, key) for key in type(self).model_fields)
 
     def __copy__(self) -> Self:
-        """Return a copy whose blocks `model_copy` may change."""
+        """Return a copy without cached results, so that `model_copy` may change its blocks."""
         copied = super().__copy__()
         for name in copied.__dict__.keys() - type(self).model_fields.keys():  # cached results of the old study
             del copied.__dict__[name]
         return copied
 
     def examinations(self) -> Iterable[Callable[[Any], Iterable[Problem | str]]]:
-        """Return the checks of the study, functions that yield problems between blocks or of files, and warnings.
+        """Return the functions that check the study. They yield problems of blocks and files, and warnings.
 
-        Each function is called once, independent of the results of the others. Warnings are text.
+        Each function is called once, regardless of the results of the other functions. Warnings are strings.
         """
         return ()
 
     @cached_property
     def _findings(self) -> tuple[Problem | str, ...]:
-        found: dict[Problem | str, None] = {}  # a problem of a file that two checks read is reported once
+        found: dict[Problem | str, None] = {}  # reports a problem once if two checks find it
         for key, _, value in self.parameters():
             if isinstance(value, Drawn) and value.cut:
                 ends = " to ".join(f"{end:.6g}" if abs(end) > 1e-300 else "0" for end in value.parts[2:])
@@ -125,7 +125,7 @@ class Study(Block):
         return tuple(found)
 
     def check(self) -> Iterable[Problem]:
-        """Return the problems between blocks or of files. Called only if every block is valid."""
+        """Return the conflicts between blocks and the problems of files. Called only if every block is valid."""
         return [one for one in self._findings if isinstance(one, Problem)]
 
     def notes(self) -> Iterable[str]:
@@ -142,7 +142,7 @@ class Study(Block):
         return named_in(self._source.directory, name)
 
     def problem(self, key: str, message: str) -> Problem:
-        """Return a problem of the value of a dotted key (``site.latitude``), located in the study file."""
+        """Return a problem located at the value of a dotted key (``site.latitude``) in the study file."""
         return self._source.problem(self._source.path_of(key), message)
 
     def with_(self, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> Self:
@@ -165,7 +165,7 @@ class Study(Block):
         StudyError
             If the study is invalid. The message lists all problems with their keys.
         """
-        # Imported by name, because the identity of numbers includes all imports of this module.
+        # Imported by name, because all import statements of this module affect the identity of the numerical code.
         changed: Self = import_module("heliosweep.api").load(self, {**(changes or {}), **keys})
         return changed
 
@@ -175,7 +175,7 @@ class Study(Block):
         return get_args(cls.model_fields["family"].annotation)[0]
 
     def parameters(self) -> tuple[tuple[str, Parameter, Any], ...]:
-        """Return dotted key, declaration and value of each given parameter, in the order of declaration."""
+        """Return the dotted key, declaration and value of each given parameter, in the order of declaration."""
         given: tuple[tuple[str, Parameter, Any], ...] = self.__dict__.get("_given") or tuple(parameters(self))
         self.__dict__["_given"] = given  # cached, because each chunk of a run needs it; copies do not keep it
         return given
@@ -215,14 +215,14 @@ class Study(Block):
         return {key: ends(value) for key, parameter, value in self.parameters() if isinstance(parameter, FileName)}
 
     def reserved_names(self) -> frozenset[str]:
-        """Return reserved names of the result; a column of a layout with such a name becomes ``layout_NAME``."""
+        """Return the reserved names of the result. A layout column with such a name becomes ``layout_NAME``."""
         return frozenset()
 
     def canonical(self) -> dict[str, Any]:
         """Return the inputs that determine numbers and labels of the result, independent of notation.
 
-        Contents of files replace their names. Names without folders are included only if files are swept, because they
-        are labels in this case.
+        File contents replace file names. The names, without folders, are included only if files are swept, because
+        they are then labels of the result.
 
         Raises
         ------
@@ -285,7 +285,7 @@ class Study(Block):
         return yaml_text(self.resolved(lambda name: self.seen_from(pathlib.Path(relative_to), name)))
 
     def seen_from(self, folder: pathlib.Path, name: str) -> str:
-        """Return the name of a file of the study relative to a folder; names of files of pvlib are kept."""
+        """Return the name of a file of the study relative to a folder. Names of pvlib's files are not changed."""
         if name.startswith(PVLIB):
             return name
         return seen_from(folder, self.resolve(name))
@@ -299,13 +299,13 @@ class Study(Block):
 
 
 def id_of(canonical: Mapping[str, Any]) -> str:
-    """Return the id of the study with this `Study.canonical`."""
+    """Return the study id that follows from the inputs in `Study.canonical`."""
     text = json.dumps(canonical, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter, Any]]:
-    """Yield dotted key, declaration and value of each given parameter, in the order of declaration."""
+    """Yield the dotted key, declaration and value of each given parameter, in the order of declaration."""
     for name in type(block).model_fields:
         value, parameter = getattr(block, name), type(block).parameter(name)
         if value is None:
@@ -321,7 +321,7 @@ def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter,
 
 
 def replaced(block: Any, key: str, value: Any) -> Any:
-    """Return a copy of a block with another, unchecked value of a dotted key."""
+    """Return a copy of a block with a new value of a dotted key. The value is not checked."""
     name, _, rest = key.partition(".")
     return block.model_copy(update={name: replaced(getattr(block, name), rest, value) if rest else value})
 
@@ -329,7 +329,7 @@ def replaced(block: Any, key: str, value: Any) -> Any:
 def plain(value: Any, rewrite: Callable[[Parameter | None, Any], Any] = lambda _, entry: entry) -> Any:
     """Return a block or value as plain data for a study file, without keys that are not given.
 
-    `rewrite` returns the replacement for the value of a field with a declaration.
+    `rewrite` takes the declaration of a field and its value, and returns the replacement.
     """
     if isinstance(value, Block):
         declared = type(value)
@@ -352,12 +352,12 @@ def yaml_text(content: Mapping[str, Any]) -> str:
 
 
 def _digest_of(path: pathlib.Path) -> str:
-    """Return the SHA-256 of a table without line ends, empty lines and comments, or of a complete binary file.
+    """Return the SHA-256 of a table (without line ends, empty lines and comments) or of a complete binary file.
 
     Raises OSError if the file cannot be read, and ValueError if it is too large.
     """
     with path.open("rb") as file:
-        if os.fstat(file.fileno()).st_size > MAX_BYTES:  # limits of tables and images are far below
+        if os.fstat(file.fileno()).st_size > MAX_BYTES:  # the limits for tables and images are much lower
             raise ValueError(f"{in_short(path.name)} is larger than {MAX_BYTES // 2**20} MiB")
         binary = b"\0" in file.read(8192)
         file.seek(0)
@@ -373,7 +373,7 @@ def _digest_of(path: pathlib.Path) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writer of YAML for the strict reader: without aliases, and with quotes around text that looks like a number."""
+    """YAML writer for the strict reader. It writes no aliases, and quotes strings that look like numbers."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

@@ -1,7 +1,7 @@
 """Read CSV tables of a study: columns as arrays, and problems with line and column.
 
-A table is text in UTF-8 or, with a byte-order mark, UTF-16. The first row is a header. Cells are separated by commas,
-semicolons or tabs; with semicolons or tabs, numbers may have decimal commas. Empty lines and lines with ``#`` are
+A table is a text file in UTF-8 or, with a byte-order mark, in UTF-16. The first row is a header. Cells are separated by
+commas, semicolons or tabs. With semicolons or tabs, numbers may have decimal commas. Empty lines and comments are
 skipped. Ambiguous numbers and dates are rejected. The columns are declared as data::
 
     COLUMNS = {"angle": Column("angle from the disc centre, in mrad", required=True), ...}
@@ -43,7 +43,7 @@ _CELL = re.compile(
 
 
 def separator_of(header: str) -> str:
-    """Return the separator of the titles of a header: a comma, otherwise a semicolon, otherwise a tab."""
+    """Return the separator used in a header: a comma, otherwise a semicolon, otherwise a tab."""
     outside = re.sub(r'"[^"]*"|\([^)]*\)|\[[^\]]*\]', "", header)
     return next((mark for mark in (",", ";", "\t") if mark in outside), ",")
 
@@ -56,14 +56,14 @@ def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[lis
     rows : sequence of list of str
         Cells without the header.
     separator : str
-        Separator of the cells. If it is a comma, there are no decimal commas.
+        Separator of the cells. If it is a comma, numbers cannot have decimal commas.
 
     Returns
     -------
     rows : sequence of list of str
         Rows in which numbers have decimal points.
     problem : tuple of int and str, or None
-        Index of the row and message, if numbers have points and commas.
+        Index of the row and message, if points and commas are mixed.
     """
     cells = [(at, cell.strip()) for at, row in enumerate(rows) for cell in row] if separator != "," else []
     commas = [place for place in cells if "," in place[1] and _COMMA.fullmatch(place[1])]
@@ -86,31 +86,31 @@ def split_title(title: str) -> tuple[str, str]:
 
 
 def variable_name(title: str) -> str:
-    """Return the name of a variable for a title: lower-case letters, digits and underscores."""
+    """Convert a title to the name of a variable, with lower-case letters, digits and underscores."""
     plain = unicodedata.normalize("NFKD", title.lower()).encode("ascii", "ignore").decode() or title
     return re.sub(r"[^a-z0-9]+", "_", plain).strip("_")
 
 
 def plain_unit(text: str) -> str:
-    """Return a unit in the notation of study files: ``W/m^2``, ``W m-2`` and ``W/m²`` are ``W/m2``."""
+    """Return a unit in the notation of study files: ``W/m^2``, ``W m-2`` and ``W/m²`` become ``W/m2``."""
     return re.sub(r"[\s^*.]", "", text).replace("\u00b2", "2").replace("m-2", "/m2").replace("//", "/")
 
 
 def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
-    """Convert the times of a column to ISO 8601; other text is unchanged.
+    """Convert the times of a column to ISO 8601. Other strings are not changed.
 
     Parameters
     ----------
     texts : sequence of str
         Cells such as ``21/06/2024 9:30``, ``6/21/2024 9:30 PM`` or ``20240621:0930``.
     form : str, optional
-        Order in the title of the column: ``DD/MM/YYYY hh:mm, +01:00``.
+        Format stated in the title of the column, such as ``DD/MM/YYYY hh:mm, +01:00``.
 
     Returns
     -------
     list of str
-        Times in the form ``2024-06-21T09:30``. Dates are unchanged if their order follows neither from the title, nor
-        from dots as in ``21.06.2024``, nor from a day after the 12th.
+        Times in the form ``2024-06-21T09:30``. The order of day and month follows from the title, from dots as in
+        ``21.06.2024``, or from a day after the 12th. Otherwise, dates are not changed.
     """
     cells = [_CELL.fullmatch(text.strip()) for text in texts]
     compact = re.compile(r"(\d{4})(\d\d)(\d\d)[:T ]?(\d\d)(\d\d)?(\d\d)?")
@@ -148,7 +148,7 @@ def _iso(text: str, cell: re.Match[str], order: str, offset: str) -> str:
 
 
 def hint(text: str) -> str:
-    """Return the remedy for a date with an unknown order; empty for any other text."""
+    """Return the remedy for a date in ambiguous order, or an empty string for any other text."""
     if not (found := _CELL.fullmatch(text.strip())) or len(found.group(1)) == 4:
         return ""
     if len(found.group(4)) != 4:
@@ -160,13 +160,13 @@ def hint(text: str) -> str:
 MAX_BYTES = 64 * 2**20
 #: Maximum number of listed problems of a table; further problems are only counted.
 MAX_LISTED = 20
-#: Index of the header in problems.
+#: Row index of the header in problems.
 HEADER = -1
 
 
 @dataclass(frozen=True)
 class Column:
-    """Declaration of a column of a table, which contains numbers or values for `read`.
+    """Declaration of a table column that contains numbers, or cells to be converted by `read`.
 
     Parameters
     ----------
@@ -179,15 +179,15 @@ class Column:
     bounds : str
         Text of the bounds as the end of a sentence: ``between -1e6 and 1e6 m``.
     read : callable, optional
-        Function that converts a cell that is not a number. It raises ValueError with the end of a sentence as message.
+        Function that converts a cell that is not a number. It raises a ValueError with the end of a message.
     dtype, missing : object
         Type of the array, and its value for invalid cells.
     names : tuple of str
         Other names of the column in titles, in the form of `variable_name`.
     units : tuple of str
-        Other units that a title may have. `Table.units` contains the actual unit.
+        Other units that are allowed in a title. `Table.units` contains the unit in the file.
     scale, offset : float
-        Factor on the numbers of the file, and number that is added to the product.
+        Factor applied to the numbers in the file, and offset added to the product.
     """
 
     meaning: str
@@ -212,17 +212,17 @@ class Table:
     name : str
         Name of the file in messages.
     lines : tuple of list
-        Numbers (counted from 1) and texts of the lines with contents; the first line is the header.
+        Numbers (counted from 1) and texts of the lines that are neither empty nor comments. The first is the header.
     cells : list of list of str, optional
         Cells of the lines, if the file is not a CSV file.
     rows, needs : str
-        Noun for the rows in messages, and contents that are missing in an empty file.
+        Words for messages: a noun for the rows, and the contents that an empty file lacks.
     most_rows : int, optional
         Maximum number of rows.
     separator : str, optional
         Separator of the cells (default: the separator of the header).
     most_listed : int
-        Maximum number of problems listed per column; if 1, per cause.
+        Maximum number of problems listed per column or, if it is 1, per cause.
 
     Raises
     ------
@@ -244,7 +244,7 @@ class Table:
     ) -> None:
         self.name, self._what, self._most = name, rows, most_listed
         self._numbers, self._texts = lines
-        # the separator in a first line written for Excel
+        # the first line may state the separator for Excel
         told = re.fullmatch(r' *"?sep=([;,\t])"?[;,\t]* *', next(iter(self._texts), ""))
         if told:
             self._numbers, self._texts = self._numbers[1:], self._texts[1:]
@@ -264,7 +264,7 @@ class Table:
             self.fail(problem[1], self._numbers[problem[0] + 1])
         self.header = [cell.strip() for cell in header]
         width = max((at for at, title in enumerate(self.header, 1) if title), default=0)
-        if not any(cell.strip() for row in self._rows for cell in row[width:]):  # padding that services write
+        if not any(cell.strip() for row in self._rows for cell in row[width:]):  # padding by some services
             self.header, self._rows = self.header[:width], [row[:width] for row in self._rows]
         self._kept = list(range(len(self._rows)))
 
@@ -277,7 +277,7 @@ class Table:
         return np.array([self._numbers[row + 1] for row in self._kept], np.int64)
 
     def check_header(self, columns: Mapping[str, Column], *, others: bool = False) -> None:
-        """Record problems of the titles. `columns` are declared; with `others`, there may be further columns."""
+        """Record problems with the titles. `columns` are the declared columns; `others` allows further columns."""
         self._columns = columns
         self._rename_titles(columns)
         meant: set[str | None] = set()  # columns with a typo are not recorded as missing
@@ -297,7 +297,7 @@ class Table:
         return [title or f"column {at}" for at, title in enumerate(self.header, 1) if title not in self._columns]
 
     def _rename_titles(self, columns: Mapping[str, Column]) -> None:
-        """Rename titles with capitals, blanks, other names or a unit, such as ``X (m)``; record wrong units."""
+        """Convert titles with capitals, blanks, synonyms or units (``X (m)``) to column names; record wrong units."""
         named = {name: key for key, column in columns.items() for name in column.names}
         known = {key: key for key in columns} | named
         for position, title in enumerate(self.header):
@@ -315,7 +315,7 @@ class Table:
                 self.add(f"is in {said!r}; {key} must be in {wanted}", HEADER, position)
 
     def check_rows(self) -> None:
-        """Record and drop rows whose number of cells differs from the header; raise all problems."""
+        """Record and drop rows whose number of cells differs from the header, then raise all problems."""
         if not self._rows:
             self.add(f"has a header but no {self._what}: give one row for each")
         self.finish()
@@ -380,7 +380,7 @@ class Table:
         self._problems.append((cause, Problem(message, key, self.name, line, place)))
 
     def finish(self) -> None:
-        """Raise StudyError if there are problems: the first of each column or cause, then the number of the others."""
+        """Raise a StudyError if there are problems. It lists the first ones and states the number of the others."""
         if self._problems and self._most == 1:
             counts = [self._found[cause] - 1 for cause, _ in self._problems]
             more = [f", and also in {count:,} more rows" * (count > 0) for count in counts]
@@ -398,7 +398,7 @@ class Table:
         except csv.Error as error:
             message = f"is not CSV: {error}".replace("\t", "\\t")
         if len(rows) < len(self._texts) and (not message or reader.line_num >= len(self._texts)):
-            # A quoted text without an end includes the following lines, so the problem is at the line where it begins.
+            # An unterminated quoted cell includes the following lines, so the problem is reported at its first line.
             odd = (line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2)
             for line in odd:
                 self.fail("contains a quoted text that does not end on this line", line)
@@ -407,7 +407,7 @@ class Table:
         return rows
 
     def fail(self, message: str, line: int | None = None) -> NoReturn:
-        """Raise StudyError immediately, if no further checks are possible."""
+        """Raise a StudyError immediately, because no further checks are possible."""
         raise StudyError(Problem(message, file=self.name, line=line))
 
 
@@ -439,12 +439,12 @@ def read_table(
     also : callable, optional
         Function that records further problems of the header.
     titles : mapping of str to str, optional
-        Titles in the file for declared columns. Other columns of the file may have the declared names as titles.
+        Titles that the file uses for declared columns. Other columns of the file may have the declared names as titles.
 
     Raises
     ------
     StudyError
-        If the file cannot be read, or its header or rows are wrong.
+        If the file cannot be read, or if its header or rows are invalid.
     """
     lines = table_lines(table_text(path, name, most_bytes))
     table = Table(name, lines, rows=rows, most_rows=most_rows, needs=needs)
@@ -503,11 +503,11 @@ def table_lines(text: str) -> tuple[list[int], list[str]]:
 
 
 def numbers(texts: Sequence[str]) -> NDArray[np.float64]:
-    """Return the numbers in texts; NaN or infinity if a text is not a number."""
+    """Convert strings to numbers. The result is NaN or infinity if a string is not a number."""
     plain, found = (
         re.compile(r"[0-9+\-.eE\s]*"),
         dict.fromkeys(texts, np.nan),
-    )  # float() also accepts 1_0 and other digits
+    )  # float() also accepts 1_0 and non-ASCII digits
     for text in found:
         with suppress(ValueError):
             found[text] = float(text) if plain.fullmatch(text) else np.nan
@@ -522,7 +522,7 @@ _COLUMNS = {
 
 
 class SunProfile(NamedTuple):
-    """Brightness of the sun as in the file."""
+    """Brightness profile of the sun, as given in the file."""
 
     #: Angles from the disc centre, increasing from 0. [rad]
     angle: tuple[float, ...]
@@ -530,7 +530,7 @@ class SunProfile(NamedTuple):
     brightness: tuple[float, ...]
 
     def note(self, name: str) -> str:
-        """Return a warning if the brightness increases, otherwise an empty text."""
+        """Return a warning if the brightness increases with the angle, otherwise an empty string."""
         rises = np.count_nonzero(np.diff(self.brightness) > 0.0)
         steps = f"{rises} of {len(self.angle) - 1} steps from the centre to the edge"
         return f"{name}: the brightness rises in {steps}: noise?" if rises else ""

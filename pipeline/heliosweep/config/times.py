@@ -57,20 +57,20 @@ def parse_timezone(timezone: str) -> dt.tzinfo:
 
 
 def offset_text(hours: float) -> str:
-    """Return an offset from universal time in hours as text: ``+05:30``."""
+    """Format an offset from universal time, given in hours, such as ``+05:30``."""
     minutes = round(abs(hours) * 60)
     return f"{'-' if hours < 0 else '+'}{minutes // 60:02}:{minutes % 60:02}"
 
 
 def suggestion(text: str) -> str:
-    """Return the offset or the zones that an unknown name may refer to (``UTC+2``, ``Berlin``), or an empty text."""
+    """Return the offset or the zones that an unknown name may refer to (``UTC+2``, ``Berlin``), or an empty string."""
     loose = r"(?:UTC|GMT)? *([+\u2212-]?) *([0-9]{1,2})(?::?([0-5][0-9]))? *h?"
     if (found := re.fullmatch(loose, text.strip(), re.IGNORECASE)) and int(found[2]) <= 14:
         hours = int(found[2]) + int(found[3] or 0) / 60
         return f"'{offset_text(hours if found[1] in ('', '+') else -hours)}'"
     city = text.casefold().replace(" ", "_")
     cities = sorted(name for name in zone_names() if city in (name.casefold(), name.casefold().rpartition("/")[2]))
-    if "/" in text and not cities:  # a typo; short names are similar to zones with other offsets
+    if "/" in text and not cities:  # a typo; short names resemble zones with other offsets
         cities = list(filter(None, [nearest(text, zone_names())]))
     return " or ".join(f"'{name}'" for name in cities)
 
@@ -83,13 +83,13 @@ def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.da
     walls : ndarray of datetime64[s], shape (n,)
         Times on the wall clock, in the order of their file.
     zone : datetime.tzinfo
-        From `parse_timezone`.
+        Time zone from `parse_timezone`.
 
     Returns
     -------
     ndarray of datetime64[s], shape (n,)
         Universal time. If the clock is set back, the second row with the same wall time is the later instant. A time
-        that the clock omits has the offset before the change.
+        that the clock skips has the offset before the change.
     """
     if isinstance(zone, dt.timezone):
         return walls - np.timedelta64(zone.utcoffset(None), "s")
@@ -104,10 +104,10 @@ def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.da
 
 
 def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime, bool]:
-    """Convert a time on the wall clock to universal time, and return True if the clock shows this time.
+    """Convert a time on the wall clock to universal time, and check that the clock shows this time.
 
     If the clock is set back and an hour occurs twice, the first occurrence is used. If the clock is set forward and
-    omits the time, the result is the instant of the change, and the second value is False.
+    skips the time, the result is the instant of the change, and the second value is False.
 
     Parameters
     ----------
@@ -116,20 +116,20 @@ def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime,
     seconds : float
         Time since midnight on the wall clock, at most 86,400, in whole microseconds.
     zone : datetime.tzinfo
-        From `parse_timezone`.
+        Time zone from `parse_timezone`.
 
     Returns
     -------
     utc : datetime.datetime
         Universal time with the time zone ``datetime.UTC``.
     is_shown : bool
-        False for a time that the clock omits.
+        False for a time that the clock skips.
     """
     wall = dt.datetime.combine(date, dt.time()) + dt.timedelta(seconds=seconds)
     early, late = sorted(wall.replace(tzinfo=zone, fold=fold).astimezone(dt.UTC) for fold in (0, 1))
     if early.astimezone(zone).replace(tzinfo=None) == wall:
         return early, True
-    # zones change at whole seconds
+    # offsets of zones change at whole seconds
     seconds_between = range(math.floor(early.timestamp()) + 1, math.ceil(late.timestamp()))
     offset = early.astimezone(zone).utcoffset()
     change = bisect_left(
@@ -150,7 +150,7 @@ Sampling = Annotated[
         sweep=False,
     ),
 ]
-#: First and last year of dates, limited by the range of nanoseconds around 1970 and by accurate positions of the sun.
+#: First and last year of dates. Nanosecond timestamps and the accuracy of sun positions limit the range.
 FIRST_YEAR, LAST_YEAR = 1700, 2200
 _DAYS = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False)
 
@@ -171,7 +171,7 @@ class SolarTime(Block):
     sampling: Sampling = "inclusive"
 
     def rules(self) -> Iterable[Fault]:
-        """Check days against declination, and that hours have whole steps if instants represent steps."""
+        """Check that days and declinations are not both given, and that the sampling suits the range of hours."""
         if self.declination is not None and self.days is not None:
             yield Fault("give 'days' or 'declination', not both", ("declination",), show_value=False)
         if self.sampling != "inclusive":
@@ -190,7 +190,7 @@ class SolarTime(Block):
         return None if self.declination is None else self.declination.values()
 
     def solar_hours(self) -> NDArray[np.float64]:
-        """Return the solar hours of a day after sampling [h], shape (hours,)."""
+        """Return the solar hours at which a day is sampled [h], shape (hours,)."""
         if self.sampling == "midpoint":
             return midpoints(self.hours).values()
         return self.hours[:-1] if self.sampling == "left" else self.hours.values()
@@ -204,7 +204,7 @@ class SolarTime(Block):
 
 @dataclass(frozen=True)
 class DateList:
-    """Calendar dates in their order."""
+    """Calendar dates in order."""
 
     items: tuple[dt.date, ...]
 
@@ -222,7 +222,7 @@ class DateList:
 
 @dataclass(frozen=True)
 class Dates(Parameter):
-    """Calendar dates: one, a list, or ``{start, stop, step}`` with the step in days."""
+    """Calendar dates: a single date, a list, or ``{start, stop, step}`` with the step in days."""
 
     def read(self, raw: Any) -> DateList:
         """Return the dates. Raises Invalid."""
@@ -278,19 +278,19 @@ def time_zone(raw: Any) -> str:
     return raw
 
 
-#: Kind of value of a time zone.
+#: Parameter whose value is a time zone.
 TimeZone = partial(Text, form=time_zone)
 
 
 class Window(Block):
-    """Part of each date, on the wall clock."""
+    """Part of each day, on the wall clock."""
 
     start: Annotated[str, WallTime("Wall-clock time at which the window begins, HH:MM")]
     stop: Annotated[str, WallTime("Wall-clock time at which the window ends, HH:MM, at most 24:00")]
     step: Annotated[float, Quantity("Time between instants", "h", gt=0, le=24, sweep=False)]
 
     def rules(self) -> Iterable[Fault]:
-        """Check that the window ends after its start and contains a step."""
+        """Check that the window ends after its start and contains at least one step."""
         if seconds_of(self.stop) <= seconds_of(self.start):
             yield Fault(f"must be after the start, {self.start}", ("stop",))
         elif self.step * 3600 > (seconds_of(self.stop) - seconds_of(self.start)) * (1 + 1e-9):
@@ -309,7 +309,7 @@ class CivilTime(Block):
     sampling: Sampling = "inclusive"
 
     def rules(self) -> Iterable[Fault]:
-        """Check that the window contains whole steps if instants represent steps."""
+        """Check that the window contains a whole number of steps if each instant represents a step."""
         start, stop, step = self.window_seconds()
         steps = (stop - start) / step
         if self.sampling != "inclusive" and (math.isinf(steps) or abs(steps - round(steps)) > 1e-9 * steps):
@@ -320,7 +320,7 @@ class CivilTime(Block):
         return list(self.dates.items)
 
     def window_seconds(self) -> tuple[float, float, float]:
-        """Return start and end of the window (seconds after midnight on the wall clock), and its step. [s]"""
+        """Return the start and end of the window, in seconds after midnight on the wall clock, and its step. [s]"""
         return seconds_of(self.window.start), seconds_of(self.window.stop), self.window.step * 3600
 
 
@@ -328,7 +328,7 @@ Time = Annotated[SolarTime | CivilTime, Field(discriminator="clock", description
 
 
 class SunDirections(Block):
-    """Directions of the sun instead of instants, which may be swept. Each direction is a point of the result."""
+    """Sun directions instead of instants. They may be swept, and each direction is a point of the result."""
 
     clock: Literal["sun"]
     azimuth: Annotated[

@@ -1,4 +1,4 @@
-"""Kinds of values in a study file, which read, check and describe the value of a field; sweeps and units.
+"""Kinds of values in a study file: classes that read, check and describe values; sweeps and units.
 
 Swept values are written as a list ``[0, 15, 30]``, a range ``{start, stop, step}`` or ``{start, stop, num}``, a
 geometric range ``{logspace: {start, stop, num}}``, or a distribution ``{normal: [11, 0.02]}``.
@@ -53,9 +53,9 @@ _ON_STEP = Decimal("1e-9")  # maximum distance of a stop from the last step, in 
 #: Message for a list with equal values.
 TWICE = "the list contains the same value twice"
 ReadNumber = Callable[[Any], float]
-#: A number in the canonical unit of its key, or text with a unit such as ``"1.2 mrad"``.
+#: A number in the canonical unit of its key, or a string with a unit such as ``"1.2 mrad"``.
 Number: TypeAlias = float | str
-#: Swept values as plain data of a study file; a list is written as it is.
+#: Range of swept values as plain data of a study file.
 Swept: TypeAlias = "dict[str, Number | dict[str, Number]]"
 
 
@@ -87,7 +87,7 @@ class Sweep:
         return hash(str(self.spec()))
 
     def __getitem__(self, index: int | slice) -> Any:
-        """Return one value (float or str), or for a slice an array of numbers or a tuple of names."""
+        """Return the value at an index (float or str). For a slice, return an array of numbers or a tuple of names."""
         found = self.values()[index]
         return found if isinstance(index, slice) or isinstance(found, str) else float(found)
 
@@ -96,7 +96,7 @@ class Sweep:
 
     @property
     def holds_names(self) -> bool:
-        """True if the values are text."""
+        """True if the values are names."""
         return isinstance(self._values, tuple)
 
     def values(self) -> Any:
@@ -124,8 +124,8 @@ def ends(value: Any) -> tuple[Any, ...]:
 def even_range(start: float, stop: float, num: int, *, reaches: bool = True) -> Sweep:
     """Return `num` evenly spaced values from `start` to `stop`, including both.
 
-    Values are computed by exact decimal arithmetic and rounded once. For example, 8 to 16 in 41 points contains 8.6,
-    not 8.600000000000001.
+    Values are computed by exact decimal arithmetic and rounded once. For example, 41 values from 8 to 16
+    include 8.6, not 8.600000000000001.
     """
     first, last = _fraction(start), _fraction(stop)
     step = (last - first) / max(num - 1, 1)
@@ -141,7 +141,7 @@ def even_range(start: float, stop: float, num: int, *, reaches: bool = True) -> 
 
 
 def midpoints(sweep: Sweep) -> Sweep:
-    """Return the middles of the steps of an even range."""
+    """Return the midpoints of the steps of an evenly spaced range."""
     steps = len(sweep) - 1
     half = (_fraction(sweep[-1]) - _fraction(sweep[0])) / steps / 2
     return even_range(float(_fraction(sweep[0]) + half), float(_fraction(sweep[-1]) - half), steps)
@@ -156,7 +156,7 @@ def geometric_range(start: float, stop: float, num: int) -> Sweep:
 
 
 def as_range(sweep: Sweep) -> Sweep:
-    """Convert a list of evenly spaced numbers to the equal range; other sweeps are unchanged."""
+    """Convert a list of evenly spaced numbers to the equivalent range. Other sweeps are not changed."""
     if sweep.form is not None or sweep.holds_names:
         return sweep
     same = even_range(sweep[0], sweep[-1], len(sweep))
@@ -180,7 +180,7 @@ def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber, repea
 
 
 def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = False) -> tuple[Any, ...]:
-    """Read the entries of a list, which must not be empty or, unless `repeats`, have equal entries. Raises Invalid."""
+    """Read the entries of a non-empty list. They must differ unless `repeats` is True. Raises Invalid."""
     if not raw:
         raise Invalid(Fault("the list is empty: give at least one value", show_value=False))
     known = set()
@@ -256,7 +256,7 @@ def read_mapping(
     Raises
     ------
     Invalid
-        With each fault at its key.
+        If an entry is wrong. Each fault is located at its key.
     """
     if not isinstance(raw, Mapping):
         raise Invalid(f"must be a mapping: {form}")
@@ -329,7 +329,7 @@ def logspace(start: Number, stop: Number, num: int) -> Swept:
     Parameters
     ----------
     start, stop : float or str
-        First and last value, with equal signs, in the unit of the key or with a unit. They are values, not exponents,
+        First and last value, with the same sign, in the unit of the key or with a unit. They are values, not exponents,
         as in numpy.geomspace.
     num : int
         Number of values.
@@ -360,16 +360,16 @@ PARTS = {
 }
 KINDS = (*PARTS, DISCRETE)
 RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
-#: Minimum probability of a draw on either side: half a step of the 30-bit sequences. [1]
+#: Minimum difference of the probability of a draw from 0 and from 1: half a step of the 30-bit sequences. [1]
 LEAST = 2.0**-31
-#: Maximum probability beyond the bounds of a key for which a normal distribution is truncated at the bounds.
+#: Maximum probability outside the bounds of a key at which a normal distribution is truncated to the bounds. [1]
 CUT = 1e-6
 
 
 class Drawn(Sweep):
     """Values of a drawn key of a study along the dimension ``sample``.
 
-    Before the design is assigned, minimum and maximum replace the values.
+    Before the design is assigned, the values are only the minimum and maximum.
 
     Parameters
     ----------
@@ -380,7 +380,7 @@ class Drawn(Sweep):
     weights : tuple of float
         Probability of each value of ``discrete``.
     cut : float
-        Probability beyond the bounds of the key before a normal distribution was truncated.
+        Probability outside the bounds of the key before a normal distribution was truncated.
     """
 
     def __init__(self, kind: str, parts: tuple[Any, ...], weights: tuple[float, ...] = (), cut: float = 0.0) -> None:
@@ -432,7 +432,7 @@ class Drawn(Sweep):
             values = np.array(self.parts, object if self.holds_names else float)
             return values[np.searchsorted(np.cumsum(self.weights)[:-1], probability, side="right")]
         stats, (a, b, *limits) = scipy.stats, self.parts
-        if self.kind == TRUNCATED:  # on the side whose probabilities are small and exact
+        if self.kind == TRUNCATED:  # in the tail whose probabilities are small and exact
             low, high = ((limit - a) / b for limit in limits)
             sign, ndtr = (-1.0 if low > 0 else 1.0), scipy.special.ndtr
             mass = ndtr(sign * low) * (1 - probability) + ndtr(sign * high) * probability
@@ -504,8 +504,8 @@ def read_drawn(
     raw : mapping or Drawn
         The distribution in the study file.
     number, checked : callable
-        Read a number in the unit of the key, or a name; the second one also raises Invalid if it is out of the bounds
-        of the key.
+        Functions that read a number in the unit of the key, or a name. `checked` also raises Invalid if the number is
+        outside the bounds of the key.
     low, high : float
         Bounds of the key.
     form : str
@@ -514,7 +514,7 @@ def read_drawn(
     Raises
     ------
     Invalid
-        With each fault at its key.
+        If an entry is wrong. Each fault is located at its key.
     """
     raw = raw.spec() if isinstance(raw, Drawn) else raw
     readers: dict[str, Callable[[Any], Any]] = {DISCRETE: partial(_discrete, read=checked)}
@@ -556,7 +556,7 @@ def _cut(drawn: Drawn, checked: ReadNumber, low: float, high: float) -> Drawn:
 def read_shape(
     kind: str, raw: Any, number: ReadNumber, checked: ReadNumber, *, fixed: bool = False
 ) -> tuple[float, ...]:
-    """Read the parameters of a distribution, see `PARTS`. If `fixed`, the width may be zero. Raises Invalid."""
+    """Read the parameters of a distribution, see `PARTS`. If `fixed` is True, the width may be zero. Raises Invalid."""
     names = PARTS[kind]
     if not isinstance(raw, list | tuple) or len(raw) != len(names):
         raise Invalid(f"must be {COUNTS[len(names)]} numbers, [{', '.join(names)}]")
@@ -575,7 +575,7 @@ def read_shape(
 
     values = tuple(each(zip(names, raw, strict=True), part))
     for kinds, holds, position, message in _CHECKS:
-        # for fixed distributions, parameters may be equal
+        # the parameters of a fixed distribution may be equal
         if kind in kinds and not holds(values) and len({*values}) > fixed:
             raise Invalid(Fault(message, (position,)))
     return values
@@ -609,7 +609,7 @@ def _plain_number(raw: Any, least: float = -math.inf) -> float:
 
 
 _DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
-# Factors to the first unit of each kind. They are decimal, so that "38 ft" is exactly 11.5824 m.
+# Factors that convert units to the first unit of their kind. They are decimal, so that "38 ft" is exactly 11.5824 m.
 _FACTORS: dict[str, dict[str, Decimal | int | str]] = {
     "a length": {"m": 1, "mm": "0.001", "cm": "0.01", "km": 1000, "in": "0.0254", "ft": "0.3048"},
     "an angle": {
@@ -677,7 +677,7 @@ def suffix(unit: str) -> str:
 
 
 def is_unit(text: str) -> bool:
-    """Return True if a text is the name of a unit."""
+    """Return True if a string is the name of a unit."""
     return text in _KIND_OF
 
 
@@ -726,7 +726,7 @@ class Parameter:
     _SWEPT: ClassVar[Any] = Sweep | list | tuple
 
     def read(self, raw: Any) -> Any:
-        """Return the value, sweep or distribution for the data of the study file. Raises Invalid."""
+        """Convert data of the study file to a value, a sweep or a distribution. Raises Invalid."""
         if is_distribution(raw):
             if not self.sweep:
                 raise Invalid("must be a single value and cannot be drawn from a distribution")
@@ -749,7 +749,7 @@ class Parameter:
         )
 
     def json_schema(self) -> Schema:
-        """Return the JSON Schema of the value, and a simplified schema of its sweeps."""
+        """Return the JSON Schema of the value, with a simplified schema of its sweeps."""
         one = self._one_schema()
         if not self.sweep:
             return one
@@ -784,13 +784,13 @@ def list_schema(one: Mapping[str, Any]) -> Schema:
 
 
 def object_schema(description: str, required: Mapping[str, Any], optional: Mapping[str, Any] | None = None) -> Schema:
-    """Return the JSON Schema of a mapping without unknown keys."""
+    """Return the JSON Schema of a mapping that allows no unknown keys."""
     properties = {"properties": {**required, **(optional or {})}, "required": list(required)}
     return {"type": "object", "description": description, "additionalProperties": False, **properties}
 
 
 def free_text(raw: Any) -> str:
-    """Return text that is not empty. Raises Invalid."""
+    """Return a non-empty string. Raises Invalid."""
     if not isinstance(raw, str):
         raise Invalid(f"must be text{': write it in quotes' if isinstance(raw, int | float) else ''}")
     if not raw.strip():
@@ -800,12 +800,12 @@ def free_text(raw: Any) -> str:
 
 @dataclass(frozen=True)
 class Text(Parameter):
-    """Text on one or more lines, optionally of a certain form.
+    """Text on one or more lines, optionally in a required form.
 
     Parameters
     ----------
     form : callable
-        Function that returns the text for the data of the study file, or raises Invalid.
+        Function that converts data of the study file to a string, or raises Invalid.
     """
 
     form: Callable[[Any], str] = field(default=free_text, kw_only=True)
@@ -994,7 +994,7 @@ class Samples(Quantity):
 
 @dataclass(frozen=True)
 class Numbers(Parameter):
-    """A fixed number of numbers, such as ``[0, -1]``.
+    """A list of numbers with a fixed length, such as ``[0, -1]``.
 
     Parameters
     ----------
@@ -1019,7 +1019,7 @@ class Numbers(Parameter):
 
     @property
     def form(self) -> str:
-        """Text of the written form of the numbers."""
+        """Notation of the numbers in a study file."""
         unit = f" in {self.units}" if isinstance(self.units, str) and self.units != "1" else ""
         return f"[{', '.join(self.names)}]{unit}"
 
@@ -1041,7 +1041,7 @@ class Numbers(Parameter):
 
 @dataclass(frozen=True)
 class ListOfNumbers(Numbers):
-    """A list of different entries with several numbers each, such as ``[[-16, 150, 0], [-60, 300, 0]]``.
+    """A list of different entries with a fixed number of values each, such as ``[[-16, 150, 0], [-60, 300, 0]]``.
 
     Parameters
     ----------
@@ -1112,7 +1112,7 @@ class Distribution:
 
     @property
     def width(self) -> float:
-        """Factor on standard deviates: the standard deviation, or half the range of a uniform distribution.
+        """Factor applied to standard deviates: the standard deviation, or half the range of a uniform distribution.
 
         Draws are ``mean + width * deviate`` with standard normal deviates, or uniform deviates between -1 and 1.
         """

@@ -1,8 +1,8 @@
 """Weather files: mean direct normal irradiance (DNI) and wind speed over intervals of time.
 
 The time of a row marks a different part of its interval in each format. This module does not use the readers of pvlib,
-because they do not report the line of a wrong row, reject hours 0 to 23, names with commas and a row of units, and
-assign the TMY3 row of 24:00 on 28 February of a leap year to 1 March.
+because they do not report the line of a wrong row. They also reject hours 0 to 23, names with commas, and a row of
+units. They assign the TMY3 row of 24:00 on 28 February of a leap year to 1 March.
 
 References
 ----------
@@ -44,12 +44,12 @@ from heliosweep.files import read_once
 
 #: Maximum irradiance: extraterrestrial at perihelion, for a solar constant of 1366 W/m2. [W/m2]
 MOST_DNI = 1412.0
-#: Part of the interval that the time of a row marks, by format; unknown for other tables.
+#: Part of the interval that the time of a row marks in each format. It is unknown for other tables.
 MARKS = {
     "EPW": "end", "TMY3": "end", "SolarAnywhere": "end", "SAM": "middle", "PVGIS": "middle", "Solargis": "middle",
     "CAMS": "start", "NASA POWER": "start",
 }  # fmt: skip
-#: Marks in the text of a title or a preamble.
+#: Words in a title or a preamble, and the part of the interval that they indicate.
 _MARKS = {
     "start": "start", "begin": "start", "cent": "middle", "mid": "middle", "end": "end",
     "period_end": "end", "periodend": "end", "period_start": "start", "periodstart": "start",
@@ -76,7 +76,7 @@ COLUMNS = {
                "diffuse_horizontal_irradiance_dif_w_m2"),
     ),
     "wind_speed": Column(
-        "wind speed, in m/s", least=0, most=150,  # greater ones mark missing values
+        "wind speed, in m/s", least=0, most=150,  # greater values mean missing data
         names=("wspd", "ws", "ws10m", "windspeed", "wind_speed_m_s", "windspeed_m_s", "wind_speed_10m"),
     ),
     "temperature": Column(
@@ -114,7 +114,7 @@ _TITLES = {
 }  # fmt: skip
 _SHIFT = re.compile(r"Irradiance Time Offset \(h\) *: *([-+]?[\d.]+)", re.IGNORECASE)
 _COMMENT = re.compile(r"^[#\s]+")
-#: Words that identify services by their preambles.
+#: Words in a preamble that identify its service.
 _SIGNS = {
     "PVGIS": "PVGIS|Radiation database|Irradiance Time Offset", "CAMS": r"CAMS|Summarization \(integration",
     "NASA POWER": "-BEGIN HEADER-|NASA/POWER", "Solargis": "Solargis",
@@ -133,7 +133,7 @@ class Sheet:
     Parameters
     ----------
     name, kind : str
-        Name of the file in messages, and format; empty for a table of unknown origin.
+        Name of the file in messages, and its format (empty for a table of unknown origin).
     site : dict
         Name, latitude, longitude, altitude and time zone, if they are in the file.
     numbers, texts, cells : list
@@ -145,7 +145,7 @@ class Sheet:
     mark : str
         Part of the interval that the time of a row marks; empty if unknown.
     shift : float, optional
-        Time from the time of a row to its instant, if it is in the file. [h]
+        Offset from the time of a row to its instant, if it is in the file. [h]
     """
 
     name: str
@@ -253,7 +253,7 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
 
 
 def _header_row(lines: Sequence[str]) -> int | None:
-    """Return the index of the first line with titles of DNI and times, otherwise with one of them, or None."""
+    """Return the index of the first line with titles of both DNI and time, otherwise of one of them, or None."""
     titles = [_fields(line, separator_of(line)) for line in (_COMMENT.sub("", line) for line in lines[:200])]
     keys = [_keys(row) if len(row) > 1 else set[str]() for row in titles]
     whole = (at for at, found in enumerate(keys) if "dni" in found and found & {"time", "date", "day", "hour"})
@@ -262,7 +262,7 @@ def _header_row(lines: Sequence[str]) -> int | None:
 
 
 def _stated_zone(sheet: Sheet, preamble: str, longitude: float) -> str:
-    """Return the offset from universal time of a service, or from the title of the time or a comment."""
+    """Return the offset from universal time that the service uses, or that a title or a comment states."""
     if sheet.kind in ("PVGIS", "CAMS") or (sheet.kind == "NASA POWER" and "in UTC" in preamble):
         return "+00:00"
     if sheet.kind == "NASA POWER":  # local solar time
@@ -327,7 +327,7 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
     return {"name": city.strip("- ") or fields[1] or "unnamed", **got, "timezone": zone}
 
 
-#: Year of tables without one.
+#: Year of tables that contain no year.
 YEAR = 2021
 #: Time from the mark of an interval to its middle, relative to its length. [1]
 _TO_MIDDLE = {"start": 0.5, "middle": 0.0, "end": -0.5}
@@ -342,7 +342,7 @@ class WeatherFile:
     name : str
         Name in messages.
     latitude, longitude : float
-        Position in the header; NaN if there is none. [deg]
+        Position in the header; NaN if the header has none. [deg]
     hours : float
         Length of each interval. [h]
     utc : ndarray of datetime64, shape (T,)
@@ -354,7 +354,7 @@ class WeatherFile:
     ghi, dhi : ndarray, shape (T,)
         Global and diffuse horizontal irradiance, NaN if unknown. [W/m2]
     shift : float
-        Time from the time of a row in the file to its instant. [h]
+        Offset from the time of a row in the file to its instant. [h]
     notes : tuple of str
         Warnings.
     """
@@ -378,7 +378,7 @@ class WeatherFile:
 
 
 def with_weather(study: Study) -> Study:
-    """Return the study with its weather files, so that they are not read again."""
+    """Return the study with its weather files attached, so that they are not read again."""
     copied = study.model_copy()
     copied._weather = weather_files(study)
     return copied
@@ -432,7 +432,7 @@ def read_weather(
         Time zone of times without an offset from universal time, such as ``+01:00`` or ``Europe/Madrid`` (default:
         the zone in the file).
     offset : float, optional
-        Time from the time of a row to its instant, instead of `label`. [h]
+        Offset from the time of a row to its instant, instead of `label`. [h]
 
     Raises
     ------
@@ -497,7 +497,7 @@ def _notes(table: Table, sheet: Sheet, dni: NDArray[np.float64]) -> Iterator[str
 
 
 def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
-    """Return the mark of a file with columns of hours, and add unusual conventions to `notes`."""
+    """Return the marked part of the interval in a file with hour columns; add unusual conventions to `notes`."""
     first, last = _hours(table)
     if "year" not in table.header:
         notes.append(f"has no year: read as {YEAR}")
@@ -523,7 +523,7 @@ def _scale(table: Table, sheet: Sheet, key: str, step: float) -> float:
 
 
 def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
-    """Return times on the clock of the file, and their offsets from universal time [s], NaN without an offset."""
+    """Return times on the clock of the file, and their offsets from universal time [s], NaN if unknown."""
     key = "time" if "time" in table.header else "date"
     texts = _time_texts(table, sheet, key)
     form = "MM/DD/YYYY" if sheet.kind == "SolarAnywhere" else table.forms.get("date") or table.forms.get(key, "")
@@ -592,7 +592,7 @@ def _hours(table: Table) -> tuple[float, float]:
 def _to_utc(
     table: Table, sheet: Sheet, walls: NDArray[np.datetime64], offsets: NDArray[np.float64], timezone: str | None
 ) -> NDArray[np.datetime64]:
-    """Return universal times.
+    """Convert times to universal time.
 
     Rows without an offset are in the time zone `timezone` (default: the zone in the file).
     """
