@@ -110,7 +110,7 @@ def choose_aims(
     Raises
     ------
     ValueError
-        If shapes do not fit, a limit is not above 0, or a heliostat alone exceeds the limit with each of its aim
+        If the shapes do not match, a limit is not above 0, or a heliostat alone exceeds the limit with each of its aim
         points. The message names the heliostat and the cell.
 
     Notes

@@ -71,7 +71,7 @@ class Result:
         The data set, ``result.nc``, with ``manifest.json``, ``study.resolved.yaml``,
         ``report.html`` and ``figures/`` in the same folder.
     seconds : dict of str to float
-        Time spent in each stage; empty if the result existed. [s]
+        Time spent in each stage; empty if the result already existed. [s]
     """
 
     path: Path
@@ -109,7 +109,7 @@ class Result:
         return lines[2 if len(lines) > 2 and not lines[2].startswith("page: ") else 1]
 
     def ending(self) -> str:
-        """Return the summary of a new result, or the headline number and page of an existing one."""
+        """Return the summary of a new result, or the headline number and page of an existing result."""
         if self.seconds or not self.page:
             return self.summary() if self.seconds else ""
         return "\n".join([*filter(None, page_head(self.page)), f"page: {self.page}"])
@@ -347,7 +347,7 @@ def run(
         if task.study_id != study.study_id:
             raise StudyError(Problem("the files of the study were changed during the wait; run it again"))
         try:
-            if report and (table := study.report.published) is not None:  # find problems before anything is computed
+            if report and (table := study.report.published) is not None:  # find problems in the table before the run
                 from heliosweep.report import comparison
 
                 published = comparison.read_published(study.resolve(table.file), table.source, table.file)
@@ -477,8 +477,8 @@ def study(family: str, /, **blocks: Any) -> Study:
     family : str
         Name of the study family.
     **blocks
-        Content of a study file: mappings, numbers, text with units, lists, `sweep`, `logspace` and arrays. File names
-        are relative to the working directory.
+        Content of a study file: mappings, numbers, strings with units, lists, `sweep`, `logspace` and arrays. File
+        names are relative to the working directory.
 
     Returns
     -------
@@ -697,7 +697,7 @@ def plant_electricity(
     StudyError
         If SAM has no model of the plant, or a swept parameter has no value.
     HeliosweepError
-        If PySAM is not installed, or SAM refuses an input.
+        If PySAM is not installed, or SAM rejects an input.
 
     Examples
     --------
@@ -753,7 +753,7 @@ def _at_directions(
     if asked or getattr(getattr(field, "time", None), "clock", "") != "sun":
         field = sam.at_directions(field, azimuth, elevation)
     directed = build(field)
-    # Keys of the layout are no longer dimensions if the kept heliostats replace it.
+    # If the kept heliostats replace the layout, its keys are no longer dimensions.
     left = {
         key: value for key, value in (select or {}).items() if not kept or dimension_of(directed, key) in directed.dims
     }

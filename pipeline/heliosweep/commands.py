@@ -37,7 +37,7 @@ _KERNELS = (
 
 
 class Formatter(logging.Formatter):
-    """Formatter of messages that escapes control characters, and names the current study if there are several."""
+    """Message formatter that escapes control characters, and names the current study if several studies are run."""
 
     study = ""
 
@@ -58,7 +58,7 @@ def carry_out(options: argparse.Namespace) -> int:
 
 
 def refused(error: HeliosweepError | OSError, study: str = "") -> int:
-    """Print the error of a command, or of one of several studies, and return the exit code."""
+    """Print the error of a command, with the study if several studies are run, and return the exit code."""
     text = str(error)
     if isinstance(error, OSError):
         text = f"{error.strerror or error}: {error.filename or ''}".rstrip(": ")

@@ -26,7 +26,8 @@ ERRORS = (
 )  # fmt: skip
 #: Tilts at which the factor is computed before the search between two of them. [deg]
 SCAN = np.array([0.0, *np.geomspace(1e-3, 45.0, 48)])
-#: Number of radii and angles of the mirror points of an intercept; cut-off of a Gaussian in standard deviations.
+#: Numbers of radii and angles of the mirror points in `dish_intercept`; cut-off of the Gaussian, in standard
+#: deviations.
 _POINTS, _TURNS, _TAIL = 1000, 200, 6.0
 
 
@@ -183,7 +184,7 @@ def dish_intercept(
     focal_length, diameter : float
         Focal length and diameter of the dish; the rim angle must be less than 90 deg. [m]
     aperture_radius : float
-        Radius of the aperture, which is perpendicular to the axis and has its centre in the focus. [m]
+        Radius of the aperture, which is perpendicular to the axis and centred at the focus. [m]
     spread : float
         Standard deviation of a reflected ray per axis, due to the sun, twice the slope error, and specularity. [mrad]
 

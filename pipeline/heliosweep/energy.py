@@ -229,7 +229,7 @@ def availability(
     Raises
     ------
     ValueError
-        If shapes do not fit, an outage ends before it begins, or outages overlap.
+        If the shapes do not match, an outage ends before it begins, or outages overlap.
 
     Examples
     --------
@@ -343,7 +343,7 @@ def annual_energy(
     Raises
     ------
     ValueError
-        If shapes do not fit, or an irradiance is negative or not finite.
+        If the shapes do not match, or an irradiance is negative or not finite.
 
     Examples
     --------

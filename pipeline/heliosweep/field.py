@@ -36,8 +36,8 @@ def field_efficiency(
     """Compute cosine, shading and blocking efficiencies of each heliostat of a field.
 
     Areas are exact: all other mirrors are projected onto the mirror, along the sun's rays for shading and along the ray
-    to the aim point for blocking. The union of the projections is then computed. The shadow of the tower is another
-    polygon.
+    to the aim point for blocking. The union of the projections is then computed. The shadow of the tower is added as
+    another polygon.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ def field_efficiency(
     tracking : {'azimuth_elevation', 'spinning_elevation'}
         Tracking method: the width of a mirror is horizontal, or perpendicular to the plane of sun and aim point.
     tower : (float, float), optional
-        Radius and top height of a tower at x = y = 0 that casts a shadow. The shadow has a straight end, and the area
-        of the shadow of a cylinder. [m]
+        Radius and top height of a tower at x = y = 0 that casts a shadow. The shadow has a straight end and the same
+        area as the shadow of a cylinder. [m]
 
     Returns
     -------
@@ -64,8 +64,8 @@ def field_efficiency(
     Raises
     ------
     ValueError
-        If shapes do not fit, the tracking method is unknown, a side is not above 0 m, a mirror is at its aim point or
-        within the tower, or the radius or top of the tower is not above 0 m.
+        If the shapes do not match, the tracking method is unknown, a side is not above 0 m, a mirror is at its aim
+        point or within the tower, or the radius or top of the tower is not above 0 m.
 
     References
     ----------

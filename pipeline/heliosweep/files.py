@@ -172,7 +172,7 @@ def why_not_written(path: Path, error: Exception) -> str:
 
 
 def human_bytes(count: float) -> str:
-    """Return a number of bytes in words, such as ``1.4 GB``."""
+    """Format a number of bytes, for example as ``1.4 GB``."""
     for unit in ("B", "kB", "MB", "GB", "TB", "PB"):
         if count < 1000:
             return f"{count:.0f} {unit}" if unit == "B" or count >= 100 else f"{count:.1f} {unit}"

@@ -1,8 +1,8 @@
 """Backward gazing, without a study: slopes of a mirror from camera images of the reflected sun.
 
 Azimuths run from south towards east. On the mirror, y points to the right and z up as seen from the target, where the
-cameras are. Slopes are the horizontal and vertical components of the normal relative to the ideal mirror, a sphere.
-Angles are in degrees and slopes in milliradians; brightness is relative to the centre of the sun's disc.
+cameras are located. Slopes are the horizontal and vertical components of the normal relative to the ideal mirror, a
+sphere. Angles are in degrees and slopes in milliradians; brightness is relative to the centre of the sun's disc.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def gazing_scene(
     Raises
     ------
     ValueError
-        If the sun is opposite the target, or fewer than three cameras span a plane as seen from the mirror.
+        If the sun is opposite the target, or if there are fewer than three cameras or all lie in one line as seen from
+        the mirror.
 
     Examples
     --------
@@ -99,7 +100,7 @@ def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLik
     Raises
     ------
     ValueError
-        If shapes do not fit, or the profile is not darker at its edge than at its centre.
+        If the shapes do not match, or the profile is not darker at its edge than at its centre.
 
     References
     ----------
@@ -156,7 +157,7 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     Raises
     ------
     ValueError
-        If shapes do not fit or a method or referential is unknown.
+        If the shapes do not match or a method or referential is unknown.
 
     References
     ----------
@@ -213,7 +214,7 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
     Raises
     ------
     ValueError
-        If shapes do not fit, the step is not above 0, the grid has more than a million cells, or a normal points
+        If the shapes do not match, the step is not above 0, the grid has more than a million cells, or a normal points
         backwards.
 
     Examples

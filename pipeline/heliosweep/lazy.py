@@ -9,7 +9,7 @@ __all__ = ["pd", "pvlib", "scipy", "shapely", "xr"]
 
 
 class _Lazy:
-    """Stand-in for a module, so that commands that do not use it start quickly."""
+    """Placeholder for a module, so that commands that do not use the module start quickly."""
 
     def __init__(self, name: str) -> None:
         self._name = name

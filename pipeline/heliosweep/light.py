@@ -132,8 +132,8 @@ def field_scene(
     Raises
     ------
     ValueError
-        If shapes do not fit, a name is unknown, or a mirror, an aim point or the receiver is in an impossible position.
-        The message names the argument and the heliostat.
+        If the shapes do not match, a name is unknown, or a mirror, an aim point or the receiver is in an impossible
+        position. The message names the argument and the heliostat.
 
     Examples
     --------
@@ -213,8 +213,9 @@ def trace_field(
 ) -> xr.Dataset:  # fmt: skip
     """Trace the light of a heliostat field at one or more instants.
 
-    A ray starts at a point of the reflecting area. Other mirrors, as planes, can shade it on its way from the sun and
-    block it on its way to the receiver. Its point on the receiver is computed with the curved surface.
+    A ray starts at a point of the reflecting area. Other mirrors, treated as planes, can shade the ray on its way from
+    the sun and block it on its way to the receiver. The point at which the ray meets the receiver is computed with the
+    curved surface of the mirror.
 
     Parameters
     ----------
@@ -560,7 +561,7 @@ def check_tower(tower: tuple[float, float], centre: Floats) -> None:
 
 
 def _refuse(name: str, wrong: Any, words: str) -> None:
-    """Raise ValueError that names the first wrong heliostats."""
+    """Raise a ValueError that lists the first heliostats with invalid values."""
     if np.any(wrong):
         which = ", ".join(str(each + 1) for each in np.flatnonzero(wrong)[:5])
         raise ValueError(f"`{name}`: heliostat {which} {words} ({int(np.sum(wrong))} of {len(wrong)})")
@@ -663,7 +664,7 @@ def _map(flux: NDArray[Any]) -> tuple[Any, ...]:
 
 
 def _map_variables(maps: list[tuple[Any, ...]], dims: tuple[str, ...], units: str, words: str) -> dict[str, Any]:
-    """Return flux maps and their peaks with standard errors, from the maps of some instants."""
+    """Return flux maps and their peaks with standard errors, from the maps of the given instants."""
     made = {}
     labels = ("flux_map", "flux_map_error", "peak_flux", "peak_flux_error")
     for label, values in zip(labels, map(np.array, zip(*maps, strict=True)), strict=True):
@@ -677,7 +678,7 @@ def _map_variables(maps: list[tuple[Any, ...]], dims: tuple[str, ...], units: st
 def _dataset(
     variables: dict[str, Any], coordinates: dict[str, Any], scene: kernel.Scene, layout: Any, rays: int, seed: int
 ) -> xr.Dataset:
-    """Return a labelled result. Heliostats have the index of the layout or numbers from 1, and their positions."""
+    """Return a labelled result. Heliostats are labelled by the index of the layout or by numbers from 1."""
     attributes = {"rays": kernel.block_rays(rays), "seed": seed}
     return xr.Dataset(variables, {**heliostat_coordinates(layout, scene.centre), **coordinates}, attributes)
 

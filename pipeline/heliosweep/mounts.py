@@ -3,8 +3,8 @@
 Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg]. Spots lie on the plane of a flat receiver
 through the aim point: y to the right for an observer in the field who looks at the receiver, z up along its face [m].
 
-A mount has a primary axis and, perpendicular to it, a secondary axis. Without errors these are azimuth and elevation if
-the primary axis is vertical. The errors of a mount in mrad, in the order of `ERRORS`:
+A mount has a primary axis and, perpendicular to it, a secondary axis. If the primary axis is vertical and has no
+errors, these are the azimuth and elevation axes. The errors of a mount in mrad, in the order of `ERRORS`:
 
 - ``azimuth_reference``: offset of the primary encoder's zero, positive clockwise seen from the end of the axis;
 - ``elevation_reference``: offset of the secondary encoder's zero, positive up;
@@ -44,7 +44,7 @@ SPOT_STATUS = {
     aiming.BLIND_CONE: "mount_cannot_point_there",
     aiming.TOO_NEAR: "offsets_not_smaller_than_the_distance",
 }
-#: Meanings of `calibration_status`; % stands for a spot or a crossing.
+#: Meanings of `calibration_status`; % is replaced by the word for a spot or a crossing.
 CALIBRATION_STATUS = {
     calibration.ESTIMATED: "estimated",
     calibration.TOO_FEW: "fewer_%s_than_the_errors_need",
@@ -93,8 +93,8 @@ def mount_angles(
     Raises
     ------
     ValueError
-        If shapes do not fit, the kind or an error is unknown, a pivot is at its aim point, or a polar mount has no
-        latitude.
+        If the shapes do not match, the kind or an error is unknown, a pivot is at its aim point, or a polar mount has
+        no latitude.
 
     References
     ----------
@@ -265,7 +265,7 @@ def calibrate_mount(
         `corrected`; `residual_y` and `residual_z`, measured minus predicted spot [m]; `condition_number` of the
         Jacobian [1]; and `calibration_status`: 0 estimated, 1 too few spots, 2 doubtful by the condition number, 3 not
         converged, 4 the spots do not distinguish the errors, 5 too few spots for standard errors, 6 no spot. Values are
-        NaN if there is no estimate. The dimensions are those of `mount_spots`.
+        NaN if there is no estimate. The dimensions are the same as in `mount_spots`.
 
     Raises
     ------
@@ -359,7 +359,7 @@ def error_changes(
     Raises
     ------
     ValueError
-        If the confidence is not between 0 and 1, or the dimensions do not fit.
+        If the confidence is not between 0 and 1, or if the dimensions do not match.
 
     References
     ----------
@@ -502,7 +502,7 @@ def _scene(
     pedestal_height: float = 0.0, receiver_azimuth: float = 0.0, receiver_tilt: float = 0.0, width: float = 1.0,
     height_extent: float = 1.0,
 ) -> _Scene:  # fmt: skip
-    """Return the scene of the arguments of `mount_angles`."""
+    """Return the scene that the arguments of `mount_angles` describe."""
     pivots = mirror_centres(pivot, "pivot")
     target = np.array([0.0, 0.0, float(np.asarray(aim))]) if np.ndim(aim) == 0 else aim
     relative = pivots - per_item("aim", target, (3,), len(pivots))
@@ -535,7 +535,7 @@ def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming
 
 
 def _leading(values: Any) -> Any:
-    """Return values with the dimension heliostat first, if they have it."""
+    """Return values whose first dimension is heliostat, if they have this dimension."""
     return values.transpose("heliostat", ...) if "heliostat" in getattr(values, "dims", ()) else values
 
 

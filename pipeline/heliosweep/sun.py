@@ -176,7 +176,7 @@ def _labelled(vectors: NDArray[np.float64], labels: dict[str, Any]) -> xr.Datase
     return xr.Dataset(variables, labels)
 
 
-#: Number of nodes beyond both ends of a year; the error at the end of a spline decreases by 0.27 per node.
+#: Number of nodes beyond both ends of a year; the error at the end of a spline decreases by a factor of 0.27 per node.
 MARGIN = 20
 
 

@@ -275,7 +275,7 @@ class _Problem:
             noise = floor * np.sqrt(self.used[here] / least) + ROUNDING * np.sqrt(2.0 * cost * most) / least
             size = np.abs(step).max(axis=1)
             # Steps from first derivatives may converge slowly: a small step ends the iteration only if it is much
-            # smaller than the step before.
+            # smaller than the preceding step.
             still = better & (damping == 0.0) & (size <= np.maximum(1e-13, noise))
             still &= (size <= 0.1 * last) | (number > PATIENCE)
             errors[here[better]] = tried[better]

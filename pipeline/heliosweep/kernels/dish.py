@@ -41,7 +41,7 @@ class Windows(NamedTuple):
     Attributes
     ----------
     rows : ndarray, shape (4, T)
-        cos psi, sin psi, cos h and sin h; psi is 0 for a sun in the zenith. [1]
+        cos psi, sin psi, cos h and sin h; psi is 0 if the sun is at the zenith. [1]
     weights : ndarray, shape (T,)
         Weight of each instant. [1]
     starts : ndarray of int, shape (W + 1,)

@@ -284,7 +284,8 @@ def normal_draws(seed: int, stream: int, count: int) -> Floats:
     """Return standard normal numbers from the counter-based generator Philox 4x64.
 
     Number k depends only on the key and k. The key consists of `seed` and `stream`, which must not be negative; each
-    purpose has its own stream. The result has the shape (count,). Its pairs come from the Box-Muller transform.
+    purpose has its own stream. The result has the shape (count,). Pairs of numbers are computed by the Box-Muller
+    transform.
     """
     pairs = (count + 1) // 2
     raw = Philox(key=np.array([seed, stream], np.uint64)).random_raw(2 * pairs)

@@ -587,7 +587,7 @@ def _trace(problem, sums, flux, whole, count):
 
 
 def _sobol(rng: np.random.Generator, power: int) -> Floats:
-    """Return 2**power points of a scrambled Sobol sequence of eight dimensions, the bits of `scipy.stats.qmc.Sobol`.
+    """Return 2**power points of a scrambled Sobol sequence in eight dimensions, as `scipy.stats.qmc.Sobol` does.
 
     SciPy's sampler takes 0.6 s to import.
     """
@@ -658,7 +658,7 @@ def trace(
     scene : Scene
         All heliostats; each may shade and block any other.
     sun : ndarray, shape (T, 3)
-        Unit vectors to the sun at all instants: east, north, up. Instants with the sun below the horizon add nothing.
+        Unit vectors to the sun at all instants: east, north, up. Instants with the sun below the horizon are ignored.
         [1]
     weights : ndarray, shape (2, T), optional
         Weights of the instants, for example irradiation, without and with the reflectivity as a factor.
@@ -866,7 +866,7 @@ def filled(slope: Floats) -> Floats:
 
 
 def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
-    """Return numbers of each mirror, shape (N, 25), mirrors sorted by cells, the cells, and the order of sorting."""
+    """Return numbers of each mirror, shape (N, 25), mirrors sorted by cells, the cells, and the sorting order."""
     count, half = len(scene.centre), 0.5 * scene.sides
     radius = np.hypot(*half.T)
     curve = np.broadcast_to(scene.curve.reshape(count, -1), (count, 2))

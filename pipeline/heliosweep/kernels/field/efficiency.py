@@ -196,7 +196,7 @@ def _sweep(
     period: Integers,
     sums: Floats,
 ) -> None:
-    """Check that compiled code stays within all arrays, then call `sweep`."""
+    """Check that the compiled code cannot exceed the bounds of arrays, then call `sweep`."""
     count = len(field.names)
     if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun[sun[:, 2] > 0.0]).all():
         raise ValueError("sun vectors above the horizon must be finite, with shape (T, 3)")

@@ -264,7 +264,7 @@ def offset(mirrors: Mirrors, i: int, j: int) -> Vector:
 
 @inline
 def _occludes(i, j, bundle, limit, mirrors):
-    """Compare the squares of both sides of the test of the angle between D and the axis, to avoid a square root."""
+    """Test the angle between D and the axis by comparing squares, to avoid a square root."""
     d, reach = offset(mirrors, i, j), (mirrors.radius[i] + mirrors.radius[j]) * _SLACK
     square, ahead = dot(d, d), dot(d, bundle.axis)
     near = (square <= reach * reach) | (bundle.cosine <= 0.0)

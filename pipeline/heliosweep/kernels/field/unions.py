@@ -431,8 +431,8 @@ def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
     return corners
 
 
-#: Area below which an image is omitted from unions. Such an image is not wider than rounding, and its corners may be
-#: out of order.
+#: Area below which an image is omitted from unions. Such an image is no wider than rounding errors, and its corners may
+#: be out of order.
 _NOTHING = 1e-14
 #: Offsets of two rows from the row of shaded areas: blocked areas, and shaded or blocked areas.
 _BLOCK, _BOTH = ROW, 2 * ROW
@@ -449,8 +449,8 @@ class Room(NamedTuple):
     names: Integers
     corners: Integers
     polygons: Floats
-    #: Pieces of the square outside the images of one lane. Each image may add 5 corners to a piece. Only used pages
-    #: occupy memory.
+    #: Pieces of the square outside the images of one lane. Each image may add 5 corners to a piece. Only the memory
+    #: pages in use occupy memory.
     pieces: Floats
     open: Floats
 
@@ -681,7 +681,7 @@ def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lan
 
 @inline
 def _turned(value):
-    """Return an edge component that is never 0."""
+    """Return an edge component, replaced by 1e-140 if it is 0 or nearly 0."""
     return value if abs(value) > 1e-140 else 1e-140
 
 

@@ -21,8 +21,8 @@ disc.
 
 A pinhole camera is at its M_i, looks at the heliostat's centre and is upright, except for its roll angle. Its pixels
 are square. Columns u count to the right and rows v down, and the centre of the first pixel is at (0, 0). Brightness is
-averaged over n x n points of a pixel. The ray through a point hits the first module on its path. The rectangle of a
-module is the rectangle of `Modules` before the rotations.
+averaged over n x n points of a pixel. The ray through a point hits the first module on its path. Before the rotations,
+the rectangle of a module is given by `Modules`.
 
 The pinhole geometry gives the image position (u, v) of each pixel of the mirror, which is a point of the ideal surface.
 If the corners of the heliostat are marked in the image, a homography maps the predicted corners to the marked corners.
@@ -165,7 +165,7 @@ def in_space(places: Floats, tilt: float, face: float) -> Floats:
 
 
 def in_line(places: Floats) -> bool:
-    """Return True if points of a plane, shape (K, 2), are in one line, to one millionth of their spread."""
+    """Return True if points of a plane, shape (K, 2), are in one line, within one millionth of their spread."""
     spread = places - places.mean(axis=0)
     spread /= np.abs(spread).max() or 1.0  # avoids overflow of squares of large coordinates
     yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
@@ -387,7 +387,7 @@ WAVES = 48
 _WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 2, 3, 8
 #: Minimum distance of used pixels from the edge of a module, as a margin for registration errors. [pixels]
 MARGIN = 0.1
-#: Bits of the reasons why a camera is not used at a pixel of the mirror, compatible with the flags of `slopes`.
+#: Bits for the reasons why a camera is not used at a pixel of the mirror, compatible with the flags of `slopes`.
 OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 64, 8, 16, 32, 4
 
 
@@ -470,9 +470,9 @@ def module_spheres(
 def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
     """Return slopes (horizontal, vertical) of a random wavy surface at the pixels of a grid, shape (2, N). [rad]
 
-    The slopes are the gradient of a sum of plane waves. Their mean over each module is subtracted, because it would be
-    canting. `rms` is the root mean square of the slopes over both directions and all pixels [rad]. The wavelengths vary
-    by one third about `length` [m]. A seed gives the same waves for any grid.
+    The slopes are the gradient of a sum of plane waves. Their mean over each module is subtracted, because it would act
+    as canting. `rms` is the root mean square of the slopes over both directions and all pixels [rad]. The wavelengths
+    vary by one third about `length` [m]. A seed gives the same waves for any grid.
     """
     slopes, way = np.zeros(grid.pixels.shape), math.pi * (np.arange(WAVES) + 0.5) / WAVES
     draws = normal_draws(seed, _WAVE_STREAM, 3 * WAVES).reshape(WAVES, 3)
@@ -718,7 +718,7 @@ def places_of(cameras: Pinholes, focal_length: float, pixels: Floats) -> Floats:
 
 
 def homography(here: Floats, there: Floats) -> Floats:
-    """Return the projective map H, shape (3, 3), of four points of a plane to others: `there` ~ H (here, 1).
+    """Return the matrix H, shape (3, 3), that projects four points of a plane onto four others: `there` ~ H (here, 1).
 
     The points have shape (4, 2). Raises ValueError if three points are in one line, or if the map reverses their order.
     """

@@ -6,12 +6,12 @@ in the deviation d = w - w_ideal of the wavefront slopes: eps_i^2 - eps0_i^2 = -
 with T from `geometry.transfers`. At least 3 lit cameras are required.
 
 Method O1 minimises the sum over the lit cameras of (g B(|m_i - w|) - I_i)^2 over the wavefront slope w. Methods O2 and
-LM trace the rays back and minimise the sum of (g B(eps_i(p)) - I_i)^2 over the mirror slope p. All start at the result
-of method A. The gain g of a pixel is 1, or it is fitted to minimise the sum. LM then removes the direction of g from
-the derivatives (variable projection [2]_).
+LM trace the rays back and minimise the sum of (g B(eps_i(p)) - I_i)^2 over the mirror slope p. All three methods start
+from the result of method A. The gain g of a pixel is 1, or it is fitted to minimise the sum. LM then removes the
+direction of g from the derivatives (variable projection [2]_).
 
-The simplex has the steps of ``scipy.optimize.minimize(method="Nelder-Mead")``: reflection 1, expansion 2, contraction
-and shrinkage 1/2. If values are equal, the older vertex comes first.
+The simplex uses the same steps as ``scipy.optimize.minimize(method="Nelder-Mead")``: reflection 1, expansion 2,
+contraction and shrinkage 1/2. If values are equal, the older vertex comes first.
 
 A noisy table has a local minimum of the merit at each kink. LM therefore starts with the analytic curve that fits the
 table best, then uses the table with decreasing smoothing, and finally the table.
