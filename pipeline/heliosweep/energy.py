@@ -134,7 +134,7 @@ def error_budget(
     undisturbed, actual : float or array, shape (...)
         Energy without any cause of loss, and with all causes. [MWh]
     alone : mapping of str to float or array, shape (...)
-        Energy with one cause alone, by cause. [MWh]
+        Energy with only one cause, for each cause. [MWh]
     without : mapping of str to float or array, shape (...), optional
         Energy with all causes except one, by the same causes. [MWh]
 

@@ -48,8 +48,8 @@ from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 
 #: Statuses of estimates. `ESTIMATED`: The errors are estimated. `TOO_FEW`: There are too few observations to estimate
 #: the errors. `INDISTINCT`: The errors are estimated, but the condition number is above the limit, so the observations
-#: hardly distinguish the errors. `NOT_CONVERGED`: The iteration did not converge; the estimate is its last point, or
-#: NaN if that point is not valid. `DEPENDENT`: The observations do not distinguish the errors, for example if all have
+#: hardly distinguish the errors. `NOT_CONVERGED`: The iteration did not converge; the estimate is the last point, or
+#: NaN if this point is not valid. `DEPENDENT`: The observations do not distinguish the errors, for example if all have
 #: the same instant; no errors are estimated. `EXACT`: The number of equations equals the number of errors, so the
 #: estimate has no covariance. `NO_OBSERVATIONS`: There is no usable observation; no errors are estimated.
 ESTIMATED, TOO_FEW, INDISTINCT, NOT_CONVERGED, DEPENDENT, EXACT, NO_OBSERVATIONS = range(7)

@@ -1,8 +1,9 @@
 """Unit vectors to the sun on the solar clock, and from daily nodes of a precise ephemeris for many sites.
 
 Apart from the Earth's rotation, the sun's apparent position changes smoothly over a day. The geocentric direction and
-the parallax are therefore cubic splines through daily nodes, which are computed by the SPA [1]_. The sidereal time, the
-rotation to the site and the correction for parallax are computed at each instant by the formulas of the SPA.
+the parallax are therefore interpolated by cubic splines through daily nodes, which are computed by the SPA [1]_. The
+sidereal time, the rotation to the site and the correction for parallax are computed at each instant by the formulas of
+the SPA.
 
 References
 ----------

@@ -496,7 +496,7 @@ def unions(images: Images, shading: int, count: int, total: Floats, room: Room, 
 
 @inner
 def _add(total, row, areas, at, factor, some, lanes):
-    """Add areas, times a factor, to a row of the totals in the lanes `some`."""
+    """Add areas, multiplied by a factor, to a row of the totals in the lanes `some`."""
     for k in range(lanes):
         put(total, row, k, get(total, row, k) + (factor * get(areas, at, k) if some >> k & 1 else 0.0))
 

@@ -5,11 +5,11 @@ measured from south towards east. `basis(a, h)` rotates R_F to a frame whose x a
 for the sun, B_H for the mirror (x along the ideal normal), and B_R for the direction R0 from the mirror to the target.
 Seen from the target, the mirror's y axis points to the right and its z axis up.
 
-The ideal mirror of the reconstruction is the series of a sphere of focal length f (Eqs. 1 and 2 with D = f). Slopes p =
-(p_y, p_z) are deviations from the ideal mirror: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2 f, and b likewise.
-A camera i at M_i sees the pixel P along R = unit(M_i - P). In this pixel, it sees the reflection of the sun's disc at S
-= 2 (N.R) N - R. The 2nd and 3rd components v and w of B_S S give the angle eps_i from the disc centre, sin eps_i = |(v,
-w)| (Eqs. 4 to 6).
+The ideal mirror of the reconstruction is the series expansion of a sphere with the focal length f (Eqs. 1 and 2 with D
+= f). Slopes p = (p_y, p_z) are deviations from the ideal mirror: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2
+f, and b likewise. A camera i at M_i sees the pixel P along R = unit(M_i - P). In this pixel, it sees the reflection of
+the sun's disc at S = 2 (N.R) N - R. The 2nd and 3rd components v and w of B_S S give the angle eps_i from the disc
+centre, sin eps_i = |(v, w)| (Eqs. 4 to 6).
 
 Kernels process only pixels on modules, row by row; `maps` arranges their values on the grid.
 
@@ -31,7 +31,7 @@ homography of a plane cannot. The brightness at a position is interpolated by th
 
 A pixel of the mirror is used if all 16 image pixels lie within the image and on the same module, none is saturated or
 NaN, and all are lit or all are dark, so that neither the sun's limb nor dirt crosses them. Interpolation multiplies
-noise by the root of the sum of squared weights, from 1 at a pixel to 0.41 between pixels.
+noise by the root of the sum of squared weights, which is 1 at a pixel and decreases to 0.41 between pixels.
 
 References
 ----------
