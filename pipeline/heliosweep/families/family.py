@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("heliosweep")
 
-#: Group of the entry points of families in other packages. The name of an entry point is the name of a family.
+#: Entry point group for families in other packages. The name of an entry point is the name of a family.
 GROUP = "heliosweep.families"
 
 T = TypeVar("T")
@@ -34,8 +34,8 @@ T = TypeVar("T")
 class Computation:
     """Variables of a result and the function that computes them.
 
-    The framework allocates the arrays, calls the function for each point of a region, adds the coordinates, and plans
-    memory and disk space from the variables.
+    The framework allocates the arrays, calls the function for each point of a region, and adds the coordinates. It also
+    derives the required memory and disk space from the variables.
 
     Parameters
     ----------
@@ -48,9 +48,9 @@ class Computation:
     labels : tuple of str
         Keys that label the result even if they are not swept.
     dims : mapping of str to int or (array, mapping)
-        For each inner dimension, its length, or its labels and their CF attributes, or a function that computes these
-        from the result of `inputs`. The dimensions ``time`` and ``heliostat`` are determined by the study's ``time``
-        and ``layout`` blocks.
+        Length of each inner dimension, or a pair of labels and CF attributes. Alternatively, a function that computes
+        these from the result of `inputs`. The dimensions ``time`` and ``heliostat`` are determined by the study's
+        ``time`` and ``layout`` blocks.
     coordinates : callable, optional
         Function without arguments that returns a mapping of names to additional coordinates, in a form that xarray
         accepts.
@@ -74,13 +74,13 @@ class Computation:
     uncut : tuple of str
         Inner dimensions that are not divided into chunks.
     evaluations : int or callable, optional
-        Number of kernel evaluations for one point, or a function without arguments that returns this number (default:
-        number of instants times number of heliostats).
+        Number of kernel evaluations for one point, or a function without arguments that returns it. By default, the
+        number of instants times the number of heliostats.
     unit : str
         Name of the unit in which the plan counts evaluations.
     memory : int or callable
-        Memory that the function needs for one point in addition to the variables, or a function without arguments that
-        returns this size. [bytes]
+        Memory needed for one point in addition to the variables, or a function without arguments that returns it.
+        [bytes]
     fixed_memory : callable, optional
         Function without arguments that returns the memory needed even for the smallest part of a point. [bytes]
     prepare : callable, optional
@@ -123,7 +123,7 @@ class Family:
     study : class or str
         Pydantic model of the study file.
     computation : Computation, callable or str
-        Variables of a result and the function that computes them, or a function that takes the study and returns them.
+        Declared computation of a result, or a function that takes the study and returns the computation.
     example : str or path
         Commented example study file, as a string or a path.
     references, keywords : tuple of str
@@ -242,7 +242,7 @@ class Family:
         return _computed().finish(study, self.computation(study), inputs, region, computed)
 
     def of_result(self, result: xr.Dataset) -> Family:
-        """Return the family to use for a result, which may have other headlines."""
+        """Return the family to use for a result. Subclasses may return a family with other headlines."""
         return self
 
     def answers(self, result: xr.Dataset) -> Iterable[str]:

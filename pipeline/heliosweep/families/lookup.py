@@ -239,7 +239,7 @@ class Sampled(Wrapped):
 
 
 def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
-    """Return the CF attributes of a statistic of a variable."""
+    """Return the CF attributes for a statistic of a variable."""
     attrs = {"units": "1" if pure else one.attrs.get("units", "1")}
     attrs["long_name"] = words.format(one.attrs.get("long_name", "result"))
     if "elementary" in words:
@@ -278,10 +278,10 @@ Point = Mapping[str, Any]
 
 
 class Searched(Wrapped):
-    """Search for the best point of a study of another family.
+    """Search for the best point of a study that belongs to another family.
 
-    An evaluation is a run of the study with other values of the searched keys. `single` returns the study for one
-    evaluation, and `generation` returns a study that sweeps many evaluations. Both are studies of `inner`.
+    Each evaluation computes the study with different values of the searched keys. `single` returns the study for one
+    evaluation. `generation` returns a study that sweeps the points of many evaluations. Both belong to `inner`.
     """
 
     def __init__(self, inner: Family) -> None:

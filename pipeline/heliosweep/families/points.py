@@ -38,7 +38,7 @@ class Inputs(NamedTuple):
 
 
 class Points:
-    """Points of a region of a result, with the key values at each point."""
+    """Points in a region of a result, with the key values at each point."""
 
     def __init__(self, study: Any, work: Computation, inputs: Inputs, region: Region) -> None:
         self.study, self.work, self.inputs, self.region = study, work, inputs, region
@@ -151,7 +151,7 @@ def variables(study: Any, work: Computation) -> dict[str, Variable]:
 
 
 def _instants(study: Any, stored: bool) -> int:
-    """Return the number of instants of a study; 1 if the study has no `time` block."""
+    """Return the number of instants in a study; 1 if the study has no `time` block."""
     if getattr(study, "time", None) is None:
         return 1
     count = instant_count(study.time)

@@ -6,8 +6,9 @@ the median of the squared Levenberg-Marquardt residuals, which is not sensitive 
 
 In a field, the directions to sun and target are computed from the position of each heliostat. Its distance is the slant
 range, which is also the default ideal focal length. With ``facing: heliostat``, the target and its cameras are rotated
-about the vertical to face each heliostat, like four cameras on a ring around a tower. With ``fixed``, the target keeps
-the direction `target.face`. Noise and waviness are drawn separately for each heliostat, and noise also for each hour.
+about the vertical to face each heliostat. This represents four cameras on a ring around a tower. With ``fixed``, the
+target keeps the direction `target.face`. Noise and waviness are drawn separately for each heliostat, and noise also for
+each hour.
 """
 
 from __future__ import annotations
@@ -68,8 +69,8 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.families.points import Point, Points
 
-#: Fraction of pixels below which a camera counts as dark, fraction below which a module counts as hardly visible, and
-#: maximum ratio of residuals to the given noise. This ratio is about 0.6 in a correct result.
+#: A camera is dark if its lit fraction is below the first value. A camera or a module is hardly visible below the
+#: second value. Third, maximum ratio of residuals to the given noise, about 0.6 in a correct result.
 DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
 #: Keys that affect the scene, its images or the slopes.
 KEYS = (
@@ -104,7 +105,10 @@ def values_of(point: Point, known: Mapping[str, float]) -> Values:
 
 
 def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) -> Scene:
-    """Return the scene with cameras at `positions` in the target's plane [m], or in the arrangement. Raises Failure."""
+    """Return the scene of a point. Raises Failure if the scene is impossible.
+
+    The cameras are at `positions` in the target's plane [m]. If these are None, the cameras' arrangement is used.
+    """
     try:
         return gazing_scene(
             *(values[f"{block}.{key}"] for block in ("sun", "target") for key in ("azimuth", "elevation")),
@@ -150,8 +154,8 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
     Returns
     -------
     limb, power, level, residual : float
-        Brightness A at the limb relative to the centre of the fitted curve, exponent xi between 0.5 and 10, brightness
-        of the curve at the disc centre, and root mean square of the residuals. [1]
+        Brightness A at the limb relative to the centre of the fitted curve, and exponent xi between 0.5 and 10.
+        `level` is the curve's brightness at the disc centre, and `residual` the root mean square residual. [1]
     """
     from scipy.optimize import minimize_scalar
 

@@ -1,4 +1,4 @@
-"""Figures of slope measurements, like Figures 2 and 5 to 8 and Table 1 of Defieux et al. (2020)."""
+"""Figures for slope measurements, based on Figures 2 and 5 to 8 and Table 1 of Defieux et al. (2020)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _SEEN = "Seen from the target; numbers: modules."
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield the figures of a result of any mode, with the main figure first."""
+    """Yield the figures for a result of any mode, with the main figure first."""
     slopes = ("slope_x", "slope_y")
     methods: dict[str, Any] = {"panels": (METHOD, PROFILE), "at": _TYPICAL}
     true = tuple(f"true_{name}" for name in slopes)
@@ -63,7 +63,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _errors(result: xr.Dataset, canting: dict[str, Any]) -> Iterator[Figure]:
-    """Yield figures of the errors by method and over swept keys, of the canting, and of the sun profile."""
+    """Yield figures that show errors by method and over swept keys, the canting, and the sun profile."""
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and result.sizes[dim] > 1]
     numbers = [dim for dim in swept if is_ordered(result, dim)]
     seeds = dict.fromkeys(SEEDS, "rms")

@@ -1,9 +1,9 @@
-"""Read the image files of a study: images of the heliostat and of the sun, with cameras, levels and metadata.
+"""Read image files that show the heliostat or the sun, with the data of the cameras, levels and metadata.
 
 NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.Metadata`. They are
-read from the cards of a FITS header, the text chunks of a PNG file, or lines ``KEY = value`` in the ImageDescription of
-a TIFF file. Values in the study have priority. The first row of an image is its top row. FITS files store the bottom
-row first, unless the card ROWORDER is TOP-DOWN.
+stored as cards of a FITS header, as text chunks of a PNG file, or as lines ``KEY = value`` in a TIFF ImageDescription.
+Values in the study have priority. The first row of an image is its top row. FITS files store the bottom row first,
+unless the card ROWORDER is TOP-DOWN.
 
 If corners are not marked, the heliostat is found with scikit-image. Rotation, scale and shift are computed by phase
 correlation: the lit pixels are compared with the silhouette of the modules in an upright camera. Then each side of the
@@ -36,7 +36,7 @@ from heliosweep.kernels.profiles import EPS_MAX, SunDisc, disc_profile, falling_
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
-#: Maximum number of pixels of an image, and minimum length of its sides. [pixels]
+#: Maximum number of pixels in an image, and minimum number of pixels on each side.
 MAX_PIXELS, MIN_SIDE = 25_000_000, 4
 #: Quantities that metadata can contain, by key.
 KEYS: dict[str, Quantity] = {key: Metadata.parameter(key) for key in Metadata.model_fields}  # type: ignore[misc]
@@ -50,10 +50,10 @@ KNOWN_WHITE, SUN_IMAGE, BRIGHTEST = ("study", "metadata"), "sun_image", "brighte
 #: Focal length that is used if corners are marked and the focal length is unknown. Its value is arbitrary, because the
 #: homography contains the scale. [pixels]
 ANY_FOCAL = 1000.0
-#: Maximum distance of a side from its expected position in each round, half the width of its blur, and width of the
-#: bands on both sides in which the bright and dark levels are measured. [pixels]
+#: Maximum distance between a side and its expected position in each round, and half the blur width of the side. Third,
+#: width of the bands along the side in which the bright and the dark level are measured. [pixels]
 REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
-#: Distances between samples along and across a side, and maximum distance of an offset from the fitted line. [pixels]
+#: Sample spacing along and across a side, and maximum distance between an offset and the fitted line. [pixels]
 ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
 #: Minimum brightness of a lit pixel relative to the sun, and maximum fraction of the outermost pixels that are brighter
 #: than half the sun. [1]
@@ -68,9 +68,8 @@ class Picture(NamedTuple):
     levels : ndarray, shape (rows, columns)
         Grey levels with the top row first; NaN for invalid pixels. [levels]
     saturation : float
-        Level at and above which a pixel counts as saturated. This is the maximum level of the data type. If the
-        brightest pixel has the maximum level of a sensor with fewer bits (such as 12 bits in a 16-bit file), it is this
-        level.
+        Minimum level of a saturated pixel. This is the maximum of the data type, unless the brightest pixel has the
+        maximum level of a sensor with fewer bits (for example a 12-bit sensor in a 16-bit file).
     metadata : dict
         Values that the file contains for the keys in `KEYS`.
     name : str
@@ -216,13 +215,13 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     images : ndarray, shape (4, rows, columns)
         Brightness relative to the sun's centre, top row first. [1]
     saturation : ndarray, shape (4,)
-        Brightness at and above which a pixel is saturated. [1]
+        Minimum brightness of a saturated pixel. [1]
     rectified : bool
         True if the images are on the grid of the mirror.
     register : ndarray of bool, shape (4,)
         True for images in which the heliostat must be found.
     focal, centre, roll : ndarray, shape (4,), (4, 2) and (4,)
-        Focal lengths divided by the side length of a pixel, column and row of the line of sight, and rotations [rad].
+        Focal lengths [pixels], column and row of the line of sight [pixels], and rotations [rad] of the cameras.
     corners : ndarray, shape (4, 4, 2)
         Marked corners (column, row), NaN if not marked.
     positions : tuple or None
@@ -439,8 +438,8 @@ def register(
     image : ndarray, shape (rows, columns)
         Brightness relative to the sun's centre; NaN counts as dark. [1]
     upright : callable
-        Function that takes points (y, z) of the mirror, shape (2, n) [m], and returns their positions in the image of
-        an upright camera, shape (2, n) [pixels]. The focal length of this camera is arbitrary.
+        Function that projects mirror points (y, z), shape (2, n) [m], into the image of an upright camera, shape (2, n)
+        [pixels]. The focal length of this camera is arbitrary.
     modules : Modules
         Modules of the heliostat.
 
@@ -453,7 +452,7 @@ def register(
     centre : ndarray, shape (2,)
         Column and row of the heliostat's centre. [pixels]
     residual : float
-        Root mean square of the offsets from the sides. [pixels]
+        Root mean square distance of the measured offsets from the fitted sides. [pixels]
 
     Raises
     ------

@@ -185,7 +185,7 @@ class BackwardGazingStudy(Study):
         return (self.fit_profile or ("smooth" if self.mode == "measured" else "table")) == "smooth"
 
     def examinations(self) -> Iterable[Callable[[BackwardGazingStudy], Iterable[Problem | str]]]:
-        """Return the functions that check the blocks against each other, and the files."""
+        """Return the functions that check the blocks and the files."""
         return _modules, _pixels, _cameras, _focal_length, _profile, _layout, _measured
 
 

@@ -1,4 +1,4 @@
-"""Variables of dishes: daily tracking factors, tolerable tilts, and statistics over directions and dates."""
+"""Compute daily tracking factors and tolerable tilts of dishes, with statistics over directions and dates."""
 
 from __future__ import annotations
 
@@ -293,8 +293,8 @@ def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.
 def _statistics(values: Floats, groups: NDArray[np.int64] | None = None) -> tuple[Floats, ...]:
     """Return mean, sample standard deviation (n - 1), minimum and maximum along the last axis, ignoring NaN.
 
-    If `groups` contains the group number of each value, the statistics are computed for each group, and the last axis
-    of the result is the group.
+    If `groups` is given, it contains the group number of each value. Statistics are then computed for each group, and
+    the last axis of the results is the group.
     """
     if groups is not None:
         each = [_statistics(values[..., groups == group]) for group in range(groups.max() + 1)]

@@ -1,4 +1,4 @@
-"""Figures of dishes, like Figures 4, 5 and 7 to 13 and Tables 2 and 3 of Liu, Peng and Yan (2022)."""
+"""Figures for dishes, based on Figures 4, 5 and 7 to 13 and Tables 2 and 3 of Liu, Peng and Yan (2022)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _DIRECTION = "Direction of the tilt: the foot of the azimuth axis leans to 0 sou
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield the figures of a result, with the main figure first."""
+    """Yield the figures for a result, with the main figure first."""
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and result.sizes[dim] > 1]
     over_dates = f"{_FACTOR}_mean_over_dates" in result
     factor = f"{_FACTOR}_mean_over_dates" if over_dates else _FACTOR

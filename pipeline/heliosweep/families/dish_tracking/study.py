@@ -39,8 +39,8 @@ MODELS = {
     "rigid": "the whole mount is tilted and the controller does not correct it",
     "untilted_home_axes": "only the azimuth axis leans, and the home position is correct (Liu et al. 2022)",
 }
-#: Maximum number of directions that are compared, fraction of instants with the sun below the horizon above which a
-#: warning is given, and the word for a window from sunrise to sunset.
+#: Maximum number of tilt directions that are compared with each other. A warning is given if a larger fraction of the
+#: instants has the sun below the horizon. Third, word for a window from sunrise to sunset.
 MOST_DIRECTIONS, NIGHT, SUNLIT = 100_000, 0.01, "sunrise_to_sunset"
 
 
@@ -120,7 +120,7 @@ class DishTime(CivilTime):
 
 
 class DishMount(Block):
-    """Model of the tilt of the azimuth axis."""
+    """Model of the azimuth-axis tilt."""
 
     model: Annotated[str | Sweep, Choice("Model of the tilted mount", MODELS, title="model of the tilted mount")]
 
@@ -294,7 +294,7 @@ class DishTrackingStudy(Study):
             yield Fault(message, ("output", "time_series"), show_value=False)
 
     def examinations(self) -> Iterable[Callable[[DishTrackingStudy], Iterable[Problem | str]]]:
-        """Return the functions that check clocks, sites, tilt directions, night instants and the weather file."""
+        """Return the functions that check civil clocks, sites, tilt directions, nighttime instants and weather."""
         return civil_clock_problems, site_notes, _doubts, _weather
 
 
@@ -305,7 +305,7 @@ def _weather(study: DishTrackingStudy) -> Iterator[Problem | str]:
 
 
 def _doubts(study: DishTrackingStudy) -> Iterator[Problem | str]:
-    """Yield problems about repeated tilt directions and a tied tilt, and a warning about instants at night."""
+    """Yield problems about repeated tilt directions and a tied tilt, and a warning if nighttime instants are used."""
     direction = study.errors.axis_tilt_direction
     if isinstance(direction, Sweep) and not isinstance(direction, Drawn) and len(direction) <= MOST_DIRECTIONS:
         turns = np.round(np.mod(direction.values(), 360.0), 9) % 360.0

@@ -53,21 +53,21 @@ STATUS = {
     DOUBTFUL: "estimated_but_errors_or_spots_are_too_large_to_be_believed",
     DISAGREE: "estimated_but_spots_disagree",
 }
-#: An estimate is doubtful if a mount error exceeds this value [mrad], or if a measured spot is farther than this from
-#: its prediction by a mount without errors [widths and heights of the aperture].
+#: An estimate is doubtful if a mount error exceeds the first value [mrad]. It is also doubtful if a measured spot is
+#: farther than the second value from its prediction for a mount without errors [widths and heights of the aperture].
 DOUBTFUL_ERROR, DOUBTFUL_APERTURES = 50.0, 3.0
-#: A spot disagrees if its deviation from the prediction by the other spots is larger. [robust standard deviations]
+#: A spot disagrees if it deviates more from the prediction by the other spots. [robust standard deviations]
 LARGEST_DEVIATION = 5.0
-#: Codes of other interpretations of a table of measured spots.
+#: Codes for alternative interpretations of a spot table.
 MIRRORED, EARLIER, LATER = 1, 2, 3
 READINGS = {0: "as_given", MIRRORED: "mirrored", EARLIER: "an_hour_earlier", LATER: "an_hour_later"}
-#: Median length of a normal random vector whose two coordinates have standard deviation 1, tuning constant of Huber's
-#: weights, and number of fits.
+#: Median length of a vector with two standard normal coordinates, tuning constant for Huber's weights, and number of
+#: fits.
 _MEDIAN, _HUBER, _ROUNDS = 1.17741, 1.345, 2
 #: Minimum distance from its prediction at which a spot can disagree. [m]
 LEAST_DISTANCE = 0.005
-#: Minimum factor by which another interpretation must reduce the residuals, and minimum number of degrees of freedom
-#: for this comparison.
+#: Factor by which an alternative interpretation must reduce the residuals, and degrees of freedom that this comparison
+#: requires.
 MUCH_BETTER, LEAST_FREEDOM = 2.0, 4
 #: Residuals, and spots before and after calibration: long name, comment for synthetic and comment for measured spots.
 _SPOTS = {
@@ -511,9 +511,9 @@ def _better_reading(
 ) -> NDArray[np.int64]:
     """Return the best interpretation of the table for each heliostat, a code of `READINGS`, shape (H,).
 
-    Another interpretation is preferred if its mount errors are plausible and it more than halves the root mean square
-    of the residuals. In a mirrored table, the sign of y or z is reversed. For other times, the sun is rotated about the
-    Earth's axis. If commanded angles are missing, they are computed for the rotated sun.
+    An alternative interpretation is chosen if its mount errors are plausible and it more than halves the root mean
+    square of the residuals. In a mirrored table, the sign of y or z is reversed. If times are an hour early or late,
+    the sun is rotated about the Earth's axis. Missing commanded angles are computed for the rotated sun.
     """
     pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
 

@@ -168,7 +168,7 @@ def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None, give
 
 
 class Scene(NamedTuple):
-    """Receiver, mounts, heliostats and sun of a group of P points."""
+    """Receiver, mounts, heliostats and sun for a group of P points."""
 
     #: Receiver and mounts, shape (P,).
     setting: Setting
@@ -181,7 +181,7 @@ class Scene(NamedTuple):
 
     @classmethod
     def of(cls, point: Point, shape: tuple[int, ...] | None = None) -> Scene:
-        """Return the scene of a group of points; `shape` selects points as in `values_of`."""
+        """Return the scene for a group of points. If `shape` is given, it selects points as in `values_of`."""
         layout, part, up = point.layout, point.part("heliostat"), point["heliostats.pivot_height"] or 0.0
         pivots = np.stack([layout.x, layout.y, np.asarray(layout.z) + up], axis=1).astype(float)[part]
         setting = Setting._make(convert(values_of(point, key, shape)) for key, convert in _SETTING.items())

@@ -1,4 +1,4 @@
-"""Figures, tables and warnings of results, following Optics Express 27 (8), A257 (2019)."""
+"""Figures, tables and warnings for results, following Optics Express 27 (8), A257 (2019)."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _RANKS = ("held_out_residual_rms", "beam_residual_rms")
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield the figures of a result of any mode. For a field, maps come first."""
+    """Yield the figures for a result of any mode. For a field, maps come first."""
     parts = [_spots(result), _field(result)]
     yield from itertools.chain(*parts[:: -1 if result.sizes.get(HELIOSTAT, 0) >= FIELD else 1], _calibration(result))
 
@@ -279,7 +279,7 @@ def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
 
 
 def _beams(axes: Any, result: xr.Dataset, here: Point, look: Mapping[str, Any]) -> None:
-    """Draw the edges of the beam, and its outlines for several sizes of the error."""
+    """Draw the edges of the beam, and its outlines at different error sizes."""
     for kind, style in (("edge", ":"), ("outline", "-")):
         if "error_size" in result.get(f"{kind}_y", xr.DataArray()).dims:
             sides = [at(result[f"{kind}_{side}"], here).transpose("error_size", kind).to_numpy() for side in "yz"]
@@ -361,7 +361,7 @@ _QUALITY = {
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Yield a table of the estimated errors of a calibration, or a table of the hits of drawn mounts.
+    """Yield a table of estimated errors for a calibration, or a table of hits for drawn mounts.
 
     Other results have no tables.
     """

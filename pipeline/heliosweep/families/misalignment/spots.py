@@ -456,6 +456,6 @@ def drawn(percentiles: NDArray[np.float64], point: Point) -> dict[str, NDArray[A
 def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the mean along the last dimension, ignoring NaN; NaN if there are no values."""
     count = np.count_nonzero(~np.isnan(values), axis=-1)
-    # Values are added one after another, so that padding at the end does not change the rounding of the sum.
+    # Values are added in order, so that padding at the end does not change the rounding of the sum.
     total = np.cumsum(np.nan_to_num(values), axis=-1)[..., -1]
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

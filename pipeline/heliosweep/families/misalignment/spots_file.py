@@ -42,12 +42,12 @@ if TYPE_CHECKING:
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
 #: Maximum number of moving windows.
 MAX_PERIODS = 1000
-#: Maximum deviation of the length of a sun vector from 1.
+#: Maximum difference between 1 and the length of a sun vector.
 SUN_LENGTH = 1e-3
 #: Maximum distance of a spot from the aim point, and maximum angle. [m, deg]
 FARTHEST, LARGEST = 1e6, 720.0
-#: Maximum distance of a spot from the aim point, relative to the distance of its heliostat; four times the value for a
-#: poor mount [1]. Maximum distance of a crossing from a detector array [m]. Data beyond these limits must be wrong.
+#: Maximum distance of a spot from the aim point, relative to the distance of its heliostat [1]. This is four times the
+#: value for a poor mount. Maximum distance of a crossing from a detector array [m]. Larger values must be wrong.
 FARTHEST_SPOT, FARTHEST_CROSSING = 0.2, 0.1
 
 #: Two crossings at the common corner of two segments count as one if they are closer along the array. [m]
@@ -77,7 +77,7 @@ def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
 _place = partial(Column, required=True, least=-FARTHEST, most=FARTHEST, bounds="between -1e6 and 1e6 m")
 _angle = partial(Column, least=-LARGEST, most=LARGEST, bounds=f"between {-LARGEST:g} and {LARGEST:g} deg")
 _NO_TIME = np.datetime64("NaT", "ns")
-#: Declarations of the columns of the file.
+#: Declarations of the columns in a file of spots.
 COLUMNS = {
     "heliostat": Column("number of the heliostat, counted from 0, or its name in the layout", required=True),
     "y": _place("spot on the receiver plane, to the right of the aim point for an observer in the field, in m"),
@@ -110,7 +110,7 @@ def _trace(text: str) -> int:
     return TRACES.index(text)
 
 
-#: Additional columns of a table of detector crossings.
+#: Additional columns in a table of detector crossings.
 CROSSING = {
     "trace": Column("elevation or azimuth", required=True, read=_trace, dtype=np.int64, missing=0),
     "y": _place("crossing on the receiver plane, to the right of the aim point for an observer in the field, in m"),
@@ -247,9 +247,10 @@ def read_spots(
 ) -> MeasuredSpots:
     """Read measured spots, or crossings of detectors, from a CSV file.
 
-    The first row contains the titles of the columns in `COLUMNS`: ``heliostat``, ``y`` and ``z``, and either ``time``
-    or all of ``sun_x``, ``sun_y`` and ``sun_z``. The columns ``weight``, ``azimuth`` with ``elevation``, and
-    ``comment`` are optional. Empty lines, lines that start with ``#``, and other columns are ignored. Text is UTF-8.
+    The first row contains column titles from `COLUMNS`. The columns ``heliostat``, ``y`` and ``z`` are required, and
+    also either ``time`` or all of ``sun_x``, ``sun_y`` and ``sun_z``. The columns ``weight``, ``azimuth`` with
+    ``elevation``, and ``comment`` are optional. Empty lines, lines that start with ``#``, and other columns are
+    ignored. The encoding is UTF-8.
 
     Parameters
     ----------
@@ -275,7 +276,8 @@ def read_spots(
     Raises
     ------
     StudyError
-        If the file cannot be read or is not such a table. The message lists all bad rows with file, line and column.
+        If the file cannot be read or is not a valid table. The message lists each invalid row with file, line and
+        column.
     """
     known = COLUMNS | (CROSSING if crossings else {}) | {"heliostat": _heliostats(heliostats, names)}
     if timezone:
@@ -508,7 +510,7 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
 
 
 def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
-    """Return a problem for each spot that is probably in another unit, and each crossing that is not on an array."""
+    """Return a problem for each spot that probably has a wrong unit, and each crossing that is not on an array."""
     if measured.trace is None:
         pivots = np.array(study.heliostats.positions or (), float).reshape(-1, 3).T
         x, y = pivots[:2] if study.layout is None else ((layout := Layouts(study)[()]).x, layout.y)

@@ -283,7 +283,7 @@ class MountErrors(MountAngles):
 
 
 class Statistics(Block):
-    """Statistics over the draws."""
+    """Settings for statistics over the draws."""
 
     percentiles: Annotated[
         Sweep, Samples("Percentiles of the remaining tolerance", "1", ge=0, le=100, title="percentile")
@@ -321,7 +321,7 @@ class DetectorArray(Block):
 
 
 class Detectors(Block):
-    """Detectors on the plane of the receiver, and the use of their measurements."""
+    """Detectors on the receiver's plane, and settings for the use of their measurements."""
 
     lines: Annotated[
         tuple[Triple, ...] | None,
@@ -389,7 +389,7 @@ class Detectors(Block):
 
 @dataclass(frozen=True)
 class SpotColumns(Parameter):
-    """Titles of the columns of a table of spots."""
+    """Column titles in a table of spots."""
 
     _FORM = "write a title, or {from: title, scale, offset}"
 
@@ -696,7 +696,7 @@ class MisalignmentStudy(Study):
         )  # fmt: skip
 
     def examinations(self) -> Iterable[Callable[[MisalignmentStudy], Iterable[Problem | str]]]:
-        """Return the functions that check the blocks against each other, the layout and the sun."""
+        """Return the functions that check the blocks, the layout and the sun."""
         return _sun, site_notes, _distances, examine_table
 
     def heliostat_names(self) -> tuple[int, tuple[str, ...]]:
@@ -748,7 +748,7 @@ class MisalignmentStudy(Study):
 
 
 def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
-    """Check that the sun rises at one site at least. Sites without a sunrise have no spots."""
+    """Check that the sun rises at one or more sites. Sites without a sunrise have no spots."""
     if study.time is None:
         return ()
     missing = list(civil_clock_problems(study)) if isinstance(study.time, CivilTime) else []
