@@ -288,7 +288,7 @@ def validated(
 def _merged(
     below: dict[str, Any], given: dict[str, Any], at: Path, is_block: Callable[[Path], bool], replaced: set[Path]
 ) -> dict[str, Any]:
-    """Return a block merged with other keys, of which null removes a key. Adds replaced paths to `replaced`."""
+    """Return a block merged with other keys. A null value removes a key. Replaced paths are added to `replaced`."""
     together = dict(below)
     if at == ("layout",) and {*SOURCES} & {*given}:  # a different kind of layout
         together = {key: value for key, value in below.items() if key not in (*SOURCES, *GROUND) or key in given}

@@ -24,11 +24,11 @@ from heliosweep.report.context import axis_label, number_text
 FILE = "comparison.csv"
 #: Maximum number of bytes and of rows of a table of published numbers.
 MAX_BYTES, MAX_ROWS = 2 * 2**20, 10_000
-#: Tolerance of numeric labels, and relative rounding error allowed at the bound of a tolerance.
+#: Tolerance for matching numeric labels, and relative rounding error allowed at the bound of a tolerance.
 SAME, EDGE = 1e-9, 1e-12
-#: The verdicts in a table.
+#: Possible verdicts in a table.
 AGREES, DIFFERS = VERDICTS = ("agrees", "does not agree")
-#: Names of units in results and in tables, by the names of `config.values`.
+#: Unit names in results and tables, with the corresponding names in `config.values`.
 _HOUSE = {
     "percent": "%",
     **dict.fromkeys(("degree", "degrees", "degrees_north", "degrees_east"), "deg"),
@@ -63,7 +63,7 @@ class Comparison:
     quantity : str
         Variable of the result.
     where : dict of str to str
-        Coordinates as they are written in the table of published numbers.
+        Coordinates as written in the table of published numbers.
     computed : float
         Computed value; NaN before `compare`. [`unit`]
     published, tolerance : float
@@ -75,7 +75,7 @@ class Comparison:
     claim, reason : str
         Figure, table or sentence of the publication; reason for the tolerance.
     stated_computed, stated_verdict : str
-        Computed value and verdict stated in the table; empty if it states none.
+        Computed value and verdict stated in the table; empty if the table states none.
     line : int
         Line of the table, counted from 1.
     """
@@ -95,12 +95,12 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """Published number as it was printed."""
+        """Published number, with its published decimals."""
         return f"{self.published:.{self.decimals}f}"
 
     @property
     def difference(self) -> float:
-        """Computed minus published. [`unit`]"""
+        """Computed value minus published number. [`unit`]"""
         return self.computed - self.published
 
     @property
@@ -115,13 +115,13 @@ class Comparison:
 
     @property
     def found(self) -> str:
-        """Computed value as it is printed for readers."""
+        """Computed value, formatted for readers."""
         counts = math.ceil(-math.log10(self.tolerance)) if self.tolerance else 0
         return number_text(self.computed, max(self.decimals, counts) + 1)
 
     @property
     def surprise(self) -> str:
-        """Message if the table states another value or verdict than this comparison; otherwise empty."""
+        """Message if the table states a different value or verdict than this comparison, otherwise an empty string."""
         computed, verdict = self.stated_computed, self.stated_verdict
         if verdict and verdict != self.verdict:
             return f"the table states {verdict!r}, but it {self.verdict}"
@@ -153,7 +153,7 @@ class Compared:
 
     @property
     def summary(self) -> str:
-        """One line: number of values that agree, and the largest difference of each unit."""
+        """One line with the number of values that agree, and the maximum difference in each unit."""
         largest = []
         for unit in dict.fromkeys(one.unit for one in self.values):
             differences = [abs(one.difference) for one in self.values if one.unit == unit]
@@ -173,7 +173,7 @@ class Compared:
         return [f"{one.claim or ' '.join([one.quantity, *one.where.values()])}: {text}" for one, text in known if text]
 
     def table(self, result: xr.Dataset) -> tables.Table:
-        """Return the table for readers, with one row for each number."""
+        """Return the table for readers, with one row for each published number."""
         names = [*dict.fromkeys(name for one in self.values for name in one.where)]
         labels = [axis_label(result[name]) if name in result.coords else name for name in names]
         last = ("computed", "published", "difference", "tolerance", "unit", "reason", "verdict")
@@ -203,12 +203,12 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
     source : str
         Source of the numbers.
     name : str
-        Name of the file in messages; `path` by default.
+        Name of the file in messages (default: `path`).
 
     Raises
     ------
     StudyError
-        If the file cannot be read or is not such a table; the message lists every problem with its line.
+        If the file cannot be read or is not such a table. The message lists every problem with its line.
     """
     file = name or str(path)
     table = read_table(
@@ -243,7 +243,7 @@ def _comparison(
     stated: tuple[str, str] = _WORDS[2:],
     line: int = 0,
 ) -> Comparison:
-    """Return a published number from the cells of its row; `stated` names the columns with stated values."""
+    """Return a published number from the cells of its row; `stated` lists the columns of stated values."""
     where = {key: cell for key, cell in cells.items() if key not in {*_COLUMNS, *_STORED} and cell}
     decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
     words: Any = {key: cells.get(name, "") for key, name in zip(_WORDS, (*_WORDS[:2], *stated), strict=True)}
@@ -267,7 +267,7 @@ def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], fl
     Raises
     ------
     StudyError
-        If a quantity or coordinate does not exist or is missing; the message lists every problem with its line.
+        If a quantity or coordinate does not exist or is missing. The message lists every problem with its line.
     """
     found, problems = [], []
     for one in table.values:
@@ -305,7 +305,7 @@ def _locate(result: xr.Dataset, one: Comparison) -> tuple[dict[str, int], float]
 
 
 def _labelled(result: xr.Dataset, array: xr.DataArray, name: str, text: str) -> np.ndarray:
-    """Return a mask of the values of a coordinate that equal a label. Raises ValueError if there is none."""
+    """Return a mask of the coordinate values that equal a label. Raises ValueError if no value equals the label."""
     if name not in result.coords:
         raise ValueError(f"unknown coordinate {name!r}{_hint(name, result.coords)}")
     coordinate = result[name]
@@ -324,7 +324,7 @@ def _labelled(result: xr.Dataset, array: xr.DataArray, name: str, text: str) -> 
 
 
 def value_label(value: Any, letters: int = 10) -> str:
-    """Return a label as it is written in tables of published numbers; a date is cut to its first letters."""
+    """Return a label as written in tables of published numbers. A date is cut to its first `letters` characters."""
     if isinstance(value, np.datetime64):
         return str(value.astype("datetime64[s]"))[:letters]
     return f"{value:g}" if isinstance(value, np.number) else str(value)

@@ -1,4 +1,4 @@
-"""Select the values that figures and tables show, and print them with units."""
+"""Select the values that figures and tables show, and format them with units."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from heliosweep.layouts.ground import AREAS
 
 DEGREE, MINUS, NO_BREAK_SPACE, NOTHING = "\N{DEGREE SIGN}", "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}", "\N{EN DASH}"
 
-#: Printed unit of each unit in CF spelling.
+#: Printed form of each unit in CF spelling.
 _UNITS = {
     "1": "",
     "degree": DEGREE,
@@ -74,7 +74,7 @@ def is_latitude(array: xr.DataArray) -> bool:
 
 
 def printed(array: xr.DataArray, of: xr.DataArray | None = None) -> Any:
-    """Return the values of an array in its printed unit, or in that of the array `of` whose error it is."""
+    """Return the values of an array in its printed unit. If it is the error of an array `of`, use the unit of `of`."""
     values = array.to_numpy()
     return values * 100 if is_fraction(array if of is None else of) else values
 
@@ -85,7 +85,7 @@ def title_of(array: xr.DataArray) -> str:
 
 
 def capital(text: str) -> str:
-    """Return a text with a capital first letter."""
+    """Return a string with a capital first letter."""
     return text[:1].upper() + text[1:]
 
 
@@ -125,7 +125,7 @@ def value_texts(coordinate: xr.DataArray) -> list[str]:
 
 
 def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
-    """Return a number with a minus sign; a dash for a missing value."""
+    """Format a number with a typographic minus sign. A missing value is shown as a dash."""
     if math.isinf(value):
         return "\N{INFINITY}" if value > 0 else MINUS + "\N{INFINITY}"
     if math.isnan(value):
@@ -137,11 +137,11 @@ def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
 
 
 def fold(text: str, most: int = LETTERS) -> str:
-    """Break a label into lines."""
+    """Break a label into lines of at most `most` letters."""
     return "\n".join(part for line in text.split("\n") for part in textwrap.wrap(line, most))
 
 
-#: Position along each of some dimensions.
+#: Positions along some dimensions, by name.
 Point = Mapping[str, int]
 
 
@@ -159,7 +159,7 @@ def is_geometric(values: np.ndarray) -> bool:
 
 
 def at(array: xr.DataArray, *points: Point) -> xr.DataArray:
-    """Select positions along those dimensions that an array has, without reading values."""
+    """Select positions along the dimensions of an array, without reading values. Other dimensions are ignored."""
     everything = {dim: index for point in points for dim, index in point.items()}
     return array.isel({dim: index for dim, index in everything.items() if dim in array.dims})
 
@@ -214,7 +214,7 @@ class Context:
     def chosen(
         self, dim: str | None, most: int, known: xr.DataArray | None = None, worst: xr.DataArray | None = None
     ) -> list[dict[str, int]]:
-        """Return at most `most` positions along a dimension; a single empty one if `dim` is None.
+        """Return at most `most` positions along a dimension, or a single empty mapping if `dim` is None.
 
         Positions without a value in `known` are excluded. If `worst` is given, the positions of its highest values are
         chosen.
@@ -290,7 +290,7 @@ class Context:
         return " ".join(f"{word}: {', '.join(texts)}." for word, texts in sentences.items() if texts)
 
 
-#: Side of a mirror of unknown size over the square root of its land area; smallest side over the side of the map.
+#: Side of a mirror of unknown size relative to the square root of its land area; minimum side relative to the map. [1]
 PACKING, SMALLEST = 0.55, 1 / 250
 _NAMES = {"boundary": "boundary", "exclude": "no heliostats"}
 

@@ -77,7 +77,7 @@ MOST_LINES, MOST_PANELS, COLUMNS = 7, 6, 3
 WIDE, SINGLE = 7.2, 4.8
 #: Lines with more points have no markers.
 MARKED = 40
-#: Letters per width in the title of a panel. [1/inch]
+#: Number of letters per inch in the title of a panel.
 TITLE_LETTERS = 15
 _AREAS: dict[str, dict[str, Any]] = {
     "boundary": {"facecolor": "none", "edgecolor": "#222222", "linewidth": 0.9, "linestyle": (0, (5, 2))},
@@ -110,12 +110,12 @@ class NamedFigure:
         return image(self.figure, "png")
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Save as PNG, SVG or PDF, by the ending of the path.
+        """Save the figure as PNG, SVG or PDF, depending on the suffix of the path.
 
         Parameters
         ----------
         path : path
-            File to write. The file appears under its name when it is complete.
+            File to write. The file appears under its name only when it is complete.
         force : bool
             If True, replace an existing file.
 
@@ -127,7 +127,7 @@ class NamedFigure:
         Raises
         ------
         StudyError
-            If the file exists, has another ending, or its folder does not exist.
+            If the file exists or has another suffix, or if its folder does not exist.
         HeliosweepError
             If the file cannot be written.
         """
@@ -144,7 +144,7 @@ def draw(result: xr.Dataset, figures: Iterable[Figure], most: int = MOST_FIGURES
     result : Dataset
         Result; only the values that a figure shows are read.
     figures : iterable of Figure
-        Declarations.
+        Declarations of the figures.
     most : int
         Maximum number of figures.
 
@@ -156,7 +156,7 @@ def draw(result: xr.Dataset, figures: Iterable[Figure], most: int = MOST_FIGURES
 
 
 def drawn(result: xr.Dataset, figure: Figure) -> list[NamedFigure]:
-    """Draw one declared figure; an empty list if the result has no values for it."""
+    """Draw one declared figure. Returns an empty list if the result has no values for it."""
     result = reduced(result, figure)
     shown = usable(result, figure)
     if shown is None or not shown.image:
@@ -205,12 +205,12 @@ def panels(
 
 
 def abreast(count: int, most: int = COLUMNS) -> int:
-    """Return the number of panels in a row that makes the rows as even as possible."""
+    """Return the number of panels in a row for which the rows are as equal in length as possible."""
     return -(-count // -(-count // most)) if count else 1
 
 
 def legend(drawing: Drawing, entries: Mapping[str, Any], title: str = "") -> None:
-    """Write a legend above all panels."""
+    """Draw a legend above all panels."""
     if any(entries):
         names = [textwrap.fill(name, LETTERS) for name in entries]
         longest = max(len(line) for name in names for line in name.split("\n"))
@@ -338,7 +338,7 @@ def _varies(array: xr.DataArray, axis: str) -> bool:
 
 
 def _band(result: xr.Dataset, figure: Curves, name: str) -> Sequence[str]:
-    """Return the names of the variables that bound a band about a variable, or of its standard error."""
+    """Return the names of the variables that bound the band about a variable, or the name of its standard error."""
     for pair in (figure.bands.get(name, ()), (f"{name}_error",), (f"{name}_standard_error",)):
         if pair and all(end in result and set(result[end].dims) <= set(result[name].dims) for end in pair):
             return pair
@@ -360,7 +360,7 @@ def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], order
 def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], colour: Any, joined: bool) -> None:
     """Draw a band along a line, or error bars at points.
 
-    `sides` holds the lower and upper ends, or one half width; if it is empty, nothing is drawn.
+    `sides` contains the lower and upper ends, or one half width. If it is empty, no band is drawn.
     """
     low, high = sides if len(sides) == 2 else (y - sides[0], y + sides[0]) if sides else (y, y)
     if sides and joined:
@@ -389,7 +389,7 @@ Look: TypeAlias = tuple[Normalize, Colormap, str]
 def shades(maps: Sequence[np.ndarray], palette: str = "", about_zero: bool = False) -> Look:
     """Return scale, colours and pointed ends of a colour bar for the values of some maps.
 
-    Values of both signs have colours that differ about zero.
+    If the values have both signs, the colours diverge from zero.
     """
     every = np.concatenate([values[np.isfinite(values)] for values in maps])
     every = every if every.size else np.array([0.0, 1.0])
@@ -521,7 +521,7 @@ _ABOUT_ZERO = "differences"
 
 
 def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
-    """Return a result and a figure with the differences of the first value along `figure.less` from the others."""
+    """Return a result and a figure with the first value along `figure.less` minus each of the others."""
     dim, array = figure.less, context.result[figure.variables[0]]
     first, others = array.isel({dim: 0}, drop=True), array.isel({dim: slice(1, None)})
     unit, words = (
@@ -703,7 +703,7 @@ def _plane(
 
 
 def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, float] | None = None) -> None:
-    """Make axes square about the origin, with an aperture and all points except a few distant ones."""
+    """Make axes square about the origin, so that they show the aperture and all but a few distant points."""
     points = np.concatenate([np.zeros((1, 2)), *tracks])
     corner = np.array(size or (0.0, 0.0)) / 2
     far = np.hypot(*points.T)
@@ -729,12 +729,12 @@ _FORMS: dict[type, Any] = {
 DPI, RIM = 180, 8
 
 _RC: Any = {
-    "text.parse_math": False,  # a dollar sign in a title is no formula
+    "text.parse_math": False,  # a dollar sign in a title does not start a formula
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8,
     "axes.titlesize": 7.5,
-    "axes.titley": 1.0,  # no panel has ticks above it, so that its title need not move: saves a tenth of the time
+    "axes.titley": 1.0,  # no panel has ticks above it, so no title must move; a fixed position saves 10 % of the time
     "axes.labelsize": 8,
     "axes.linewidth": 0.6,
     "axes.edgecolor": "#444444",
@@ -794,7 +794,7 @@ def image(figure: Drawing, kind: str = "png") -> bytes:
     figure : matplotlib.figure.Figure
         Figure.
     kind : {"png", "svg", "pdf"}
-        File format. Vector formats contain pixels only where a map has many small shapes.
+        File format. Vector formats contain pixels only for maps with many small shapes.
     """
     if kind == "png":
         return png(pixels(figure))

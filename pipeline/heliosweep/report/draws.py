@@ -114,7 +114,7 @@ def _keys(result: xr.Dataset) -> list[xr.DataArray]:
 
 
 def _draws(result: xr.Dataset, name: str) -> xr.DataArray:
-    """Return those draws of a result that follow the distributions."""
+    """Return the draws of a result that follow the distributions of the keys."""
     array = result[name]
     if _sensitivity_of(result) != "sobol":
         return array
@@ -123,7 +123,7 @@ def _draws(result: xr.Dataset, name: str) -> xr.DataArray:
 
 
 def _exceeded(name: str, result: xr.Dataset) -> xr.Dataset:
-    """Return the values exceeded by 99 to 1 % of the draws."""
+    """Return the values that are exceeded by 99 %, 98 %, ..., 1 % of the draws."""
     percent = np.arange(1.0, 100.0)
     array = _draws(result, name).quantile(1 - percent / 100, SAMPLE, keep_attrs=True)
     attrs = {"units": "percent", "long_name": "fraction of the draws that exceed the value"}
@@ -132,7 +132,7 @@ def _exceeded(name: str, result: xr.Dataset) -> xr.Dataset:
 
 
 def _leading_key(result: xr.Dataset, name: str) -> str:
-    """Return the coordinate of the key whose rank correlation with a result is the highest at the first point."""
+    """Return the coordinate of the key that has the highest rank correlation with a result at the first point."""
     array = _draws(result, name)
     array = array.isel({dim: 0 for dim in array.dims if dim != SAMPLE}, drop=True)
     keys = [str(one.name) for one in _keys(result) if one.dtype.kind == "f" and np.ptp(one.to_numpy()) > 0]

@@ -24,7 +24,7 @@ FIELD = 7
 NAMES = (HELIOSTAT, "module", "camera", "sample", "spot", "parameter", "trace", "detector", "evaluation")
 #: Maximum number of figures of a result.
 MOST_FIGURES = 12
-#: Quantile of a field by the name of its line.
+#: Quantile over the field for each line of the statistic ``field``, by the name of the line.
 STATISTICS = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "maximum": 1.0}
 
 
@@ -45,8 +45,8 @@ class Figure:
     lines, panels : sequence of str
         Dimensions with one line or one panel for each value, in order of preference.
     at : mapping of str to object
-        Value of dimensions that are not shown: a number, of which the nearest value is used, or a sequence of words, of
-        which the first existing one is used (default: the middle number or the first word).
+        Values of dimensions that are not shown. For a number, the nearest value is used; for a sequence of words, the
+        first existing word (default: the middle number or the first word).
     reduce : mapping of str to str
         Statistic over a dimension: "mean", "median", "rms", "min", "max", or "field" for minimum, 5 %, median and
         maximum.
@@ -160,9 +160,9 @@ class Planes(Figure):
     dots : bool
         If True, points are not joined by lines.
     worst : str
-        Variable of the heliostats; the panels show those with the largest values first.
+        Variable of the heliostats; the panels show the heliostats with the largest values first.
     extra : callable
-        Function that takes the axes, the data set and the point, and adds to each panel after its limits are set.
+        Function that takes the axes, the data set and the point. It adds elements to a panel after its limits are set.
     """
 
     against: Mapping[str, str] = field(default_factory=dict)
@@ -203,7 +203,7 @@ def default_figures(result: xr.Dataset) -> Iterator[Figure]:
 def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable[str]) -> list[Figure]:
     """Return figures, with a heat map first if two dimensions are swept.
 
-    The heat map is a declared one if there is one, and otherwise shows the headline numbers.
+    The heat map is the first declared one. If none is declared, a heat map of the headline numbers is added.
     """
     declared = list(figures)
     grids = [one for one in declared if isinstance(one, Grids) and usable(reduced(result, one), one)]
@@ -225,7 +225,7 @@ def _heat_map(result: xr.Dataset, names: Iterable[str]) -> Iterator[Grids]:
 
 
 def preferred(result: xr.Dataset, dims: Sequence[str], wanted: Sequence[str]) -> str | None:
-    """Return the first wanted dimension of a result, otherwise the first with words, otherwise the first."""
+    """Return the first wanted dimension that a result has, otherwise the first one with words, otherwise the first."""
     dims = [dim for dim in dims if dim != HELIOSTAT or dim in wanted or result.sizes[dim] < FIELD]
     words = [dim for dim in dims if not is_ordered(result, dim)]
     return next((dim for dim in (*wanted, "statistic", *words, *dims) if dim in dims), None)
@@ -242,7 +242,7 @@ def is_joined(result: xr.Dataset, dim: str) -> bool:
 
 
 def usable(result: xr.Dataset, figure: Figure) -> Figure | None:
-    """Return a declaration with only those variables that the result has, or None if nothing can be drawn."""
+    """Return a declaration with only the variables that can be drawn, or None if there are none."""
     if isinstance(figure, Special):
         there = all(name in result.variables and result[name].size for name in figure.variables)
         return figure if there else None
@@ -306,7 +306,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#0
 DASHES = ("-", (0, (4, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)), (0, (2, 1.2)), (0, (4, 1, 1, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
-#: Matplotlib's names of the colour maps for values, and for differences about zero.
+#: Names of matplotlib's colour maps for values, and for differences from zero.
 VALUES = "viridis"
 DIFFERENCES = "RdBu_r"
 

@@ -62,7 +62,7 @@ from heliosweep.report.figures import (
     usable,
 )
 
-#: Maximum numbers: plots in a page; values, variables and lines in a plot.
+#: Maximum numbers of plots on a page, and of values, variables and lines in a plot.
 MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 4, 300_000, 16, 12
 #: Colour that is legible on white and on black.
 _GREY = "#80868c"
@@ -108,7 +108,7 @@ def explore(result: xr.Dataset, figures: Iterable[Figure]) -> tuple[str, list[di
     numbers: dict[str, str] = {}
 
     def numbered(text: str) -> str:
-        """Replace random identifiers, so that the same result gives the same page."""
+        """Replace random identifiers by numbers, so that equal results give equal pages."""
         pattern = r'(?<=")(p\d{4,}|[0-9a-f]{8}-[0-9a-f-]{27})(?=")'
         return re.sub(pattern, lambda found: numbers.setdefault(found[1], f"bokeh-{len(numbers)}"), text)
 
@@ -266,7 +266,7 @@ def _lines(
         colour = figure.looks.get(name, {}).get("color", colour)
         source = ColumnDataSource({"x": [0.0, 1.0], "y": [0.0, 1.0], "text": ["", ""]}, name=name)
         marker: Any = Scatter(x="x", y="y", size=4 if joined else 7, line_color=colour, fill_color=colour)
-        shapes = [drawing.add_glyph(source, marker)]  # a third of the time of `scatter`, which adds four glyphs
+        shapes = [drawing.add_glyph(source, marker)]  # takes a third of the time of `scatter`, which adds four glyphs
         spots += shapes
         if joined:
             dash: Any = "solid" if ordered else ("solid", "dashed", "dotted", "dotdash", "dashdot")[number % 5]

@@ -1,6 +1,6 @@
 """Page of a result with headline numbers, main picture, tables, figures, interactive plots, inputs and provenance.
 
-The page is one file. It fetches nothing and runs only its own scripts.
+The page is one file. It loads no other files and runs only its own scripts.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
 DRAWN = ".drawn"
 #: Maximum size of a result that a report loads as a whole. [byte]
 LOADED = 2**24
-#: Patterns of the parts of a page about the machine, and of the text of the study file.
+#: Patterns that match the parts of a page about the machine, and the text of the study file.
 _MACHINE = re.compile(r'<section id="provenance">.*?</section>\n?|<a class="ours"[^>]*>[^<]*</a>\n?', re.DOTALL)
 _STUDY = re.compile(r'(?<=<pre id="study-file"><code>).*?(?=</code>)', re.DOTALL)
 
@@ -83,7 +83,7 @@ def write_report(
     Raises
     ------
     StudyError
-        If published numbers do not fit the result.
+        If published numbers do not match the quantities and coordinates of the result.
     """
     from heliosweep.report.draw import draw
     from heliosweep.report.interactive import client, explore
@@ -180,18 +180,18 @@ def digest(script: str) -> str:
 
 
 def _harmless(script: str) -> str:
-    """Return a script that cannot end its element early."""
+    """Return a script that cannot close its HTML element prematurely."""
     script = re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE)  # browsers would fetch the map
     return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 
-#: Substitute for a family that is not known.
+#: Substitute for an unknown family.
 _UNKNOWN = SimpleNamespace(headlines=(), figures=default_figures, tables=lambda _: (), answers=lambda _: ())
 
 
 @contextmanager
 def _noted(remarks: list[str], sound: bool, what: str) -> Iterator[None]:
-    """Add a remark about a missing part of a page if making it fails; raise the error if the result is not sound."""
+    """Add a remark if a part of a page cannot be created. Raises the error if `sound` is False."""
     try:
         yield
     except (HeliosweepError, OSError):
@@ -207,7 +207,7 @@ def _noted(remarks: list[str], sound: bool, what: str) -> Iterator[None]:
 def _pictures(
     folder: Path, noted: Callable[[str], Any], result: xr.Dataset, figures: Sequence[Figure], vector: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Draw and save figures, return them for a page, and remove outdated figures of an earlier report."""
+    """Draw and save figures, and return them for a page. Removes outdated figures of an earlier report."""
     from heliosweep.report.draw import drawn, image, pixels, png
 
     if folder.is_symlink():
@@ -230,7 +230,7 @@ def _pictures(
 
 
 def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]:
-    """Return a figure as the templates embed it in a page; `picture` is the figure if it is drawn already."""
+    """Return a figure in the form that the templates embed; `picture` is its image if it is already drawn."""
     from PIL.Image import Dither, Quantize
 
     from heliosweep.report.draw import pixels, png
@@ -249,7 +249,7 @@ def for_others(page: str, study: str) -> str:
 
 
 def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:
-    """Return the comparison with published numbers: computed and stored if a study is given, otherwise read."""
+    """Return the comparison with published numbers. With a study, compute and store it; otherwise, read it."""
     stored = place / comparison.FILE
     if study is None:
         return comparison.read_comparison(stored) if stored.is_file() else None
@@ -282,7 +282,7 @@ def _manifest(place: Path) -> tuple[dict[str, Any], list[str]]:
 
 
 def command(manifest: Mapping[str, Any]) -> str:
-    """Return the command that computes only this result again; empty if unknown."""
+    """Return the command that recomputes only this result, or an empty string if it is unknown."""
     words, own = list(map(str, manifest.get("command", []))), PurePath(manifest.get("study_file", ""))
     studies = [word for word in words if word.endswith((".yaml", ".yml"))]
     others = [word for word in studies if PurePath(word) != own]  # `PurePath` removes a leading "./"

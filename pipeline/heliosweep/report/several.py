@@ -86,7 +86,7 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
 
 
 def _over_results(figures: Iterator[Figure], same: bool) -> Iterator[Figure]:
-    """Yield figures of several results, with a line or a map for each result and differences of maps."""
+    """Yield figures with a line or a map for each result, and with the differences of the maps."""
     for figure in figures:
         if isinstance(figure, Curves):
             yield replace(figure, lines=(RESULT,))
@@ -148,7 +148,7 @@ def _expanded(result: xr.Dataset, swept: Mapping[Any, set[Any]]) -> xr.Dataset:
 
 
 def numbers(joined: xr.Dataset, names: Sequence[str]) -> Table:
-    """Tabulate the numbers of the field at every common point, with their differences from the first result."""
+    """Tabulate variables at every common point, with the differences of each result from the first result."""
     known = [name for name in names if name in joined.data_vars]
     first = [*known, min(map(str, joined.data_vars), key=lambda name: joined[name].ndim)][0]
     dims = [str(dim) for dim in joined[first].dims if dim != RESULT]

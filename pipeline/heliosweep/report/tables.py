@@ -37,7 +37,7 @@ MOST_RANGES, MOST_HEADLINES = 12, 6
 MOST_NUMBERS = 2_000_000
 #: Attribute of a renamed array that holds the name of its variable.
 SOURCE = "variable"
-#: Dimensions that are not swept; their points are parts of one result.
+#: Dimensions that are not swept. Their points are parts of one result.
 INNER = (
     *("heliostat", "time", "date", "day", "declination", "hour", "month", "sample", "module", "parameter", "spot"),
     *("y", "z", "camera", "round", "stage", "cause"),
@@ -53,7 +53,7 @@ class Column:
     title : str
         Heading.
     values : sequence of float or str
-        Cells: numbers before formatting, or words.
+        Cells: unformatted numbers, or words.
     unit : str
         Unit, printed below the heading.
     digits : int
@@ -61,7 +61,7 @@ class Column:
     errors : sequence of float
         Standard errors, printed after the numbers.
     best : {"", "largest", "smallest"}
-        Which value is the best, if any.
+        Best value of the column; empty if there is none.
     """
 
     title: str
@@ -77,7 +77,7 @@ class Column:
         return any(isinstance(value, str) for value in self.values)
 
     def texts(self) -> list[str]:
-        """Return the cells as they are printed."""
+        """Return the formatted cells."""
         if self.is_words:
             return [str(value) for value in self.values]
         if len(self.errors):
@@ -92,7 +92,7 @@ class Table:
     Parameters
     ----------
     label : str
-        Content in a few words.
+        Short description of the content.
     columns : sequence of Column
         Columns of equal length.
     notes : sequence of str
@@ -125,7 +125,7 @@ class Table:
         return pd.DataFrame(cells)
 
     def sorted(self) -> Table:
-        """Return a table of many points in sorted order: the best first, but the worst heliostats first."""
+        """Return a table of many points in sorted order, with the best points or the worst heliostats first."""
         leading = next((one for one in self.columns[self.keys :] if one.best and not one.is_words), None)
         if not self.keys or self.size < SORTED or leading is None:
             return self
@@ -142,9 +142,9 @@ class Table:
         return replace(self, columns=columns, notes=[note, *self.notes])
 
     def printed(self) -> dict[str, Any]:
-        """Return header, units, rows and notes as the templates need them.
+        """Return header, units, rows and notes for the templates.
 
-        Few points become columns, many points are sorted.
+        If the table has few points, each point is a column. If it has many points, they are sorted.
         """
         table = self.sorted()
         texts, keys, notes = [column.texts() for column in table.columns], table.keys, list(table.notes)
@@ -316,9 +316,10 @@ def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
 
 
 def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
-    """Return the numbers of a column as texts with the same number of decimals.
+    """Format the numbers of a column with the same number of decimals.
 
-    There are no decimals if all numbers are whole or large. If all are below 0.001, each number has its own decimals.
+    There are no decimals if all numbers are whole or large. If all numbers are below 0.001, each is formatted with its
+    own number of decimals.
     """
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if finite.size else 0.0
@@ -343,7 +344,7 @@ DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;
 
 
 def references(result: xr.Dataset) -> list[str]:
-    """Return the references of a result; of two entries with the same DOI, only the longer one."""
+    """Return the references of a result. If two entries have the same DOI, only the longer one is returned."""
     entries: dict[str, str] = {}
     for text in filter(None, (entry.strip() for entry in str(result.attrs.get("references", "")).split(";"))):
         found = DOI.search(text)

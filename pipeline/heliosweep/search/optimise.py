@@ -51,18 +51,18 @@ class Space:
 
     @property
     def decimals(self) -> list[int]:
-        """Number of decimals of each key, which resolve 1e-6 of its range."""
+        """Number of decimals that resolve 1e-6 of the range of each key."""
         span = (self.high - self.low) * 1e-6
         return [0 if whole else -int(np.floor(np.log10(step))) for step, whole in zip(span, self.whole, strict=True)]
 
     def points(self, shares: Floats) -> Floats:
-        """Return points from fractions of the ranges (0 to 1), rounded to the resolution, shape (points, keys)."""
+        """Convert fractions of the ranges (0 to 1) to rounded points, shape (points, keys)."""
         raw = self.low + np.clip(shares, 0.0, 1.0) * (self.high - self.low)
         rounded = [[round(float(x), digits) for x, digits in zip(row, self.decimals, strict=True)] for row in raw]
         return np.clip(np.array(rounded, dtype=float).reshape(raw.shape), self.low, self.high)
 
     def shares(self, points: Floats) -> Floats:
-        """Return the fractions of the ranges at points."""
+        """Convert points to fractions of the ranges."""
         return (points - self.low) / (self.high - self.low)
 
 
@@ -142,7 +142,9 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
     space : Space
         Bounds.
     goals : int
-        Number of objectives, 1 or 2. budget : int Maximum number of evaluations.
+        Number of objectives, 1 or 2.
+    budget : int
+        Maximum number of evaluations.
     seed : int
         Seed; equal seeds give equal courses.
     size : int
@@ -203,7 +205,7 @@ def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) 
 
 
 def _refine(course: Course, since: int) -> None:
-    """Refine the best point since evaluation `since` over the keys that are not integers."""
+    """Refine the best point found since evaluation `since`. Keys with integer values do not change."""
     space = course.space
     best = space.shares(course.points[course.best(since)])
     free = np.flatnonzero(~space.whole)

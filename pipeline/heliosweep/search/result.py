@@ -17,12 +17,12 @@ from heliosweep.report.figures import COLOURS, Curves, Figure
 from heliosweep.report.tables import SOURCE, Table, numbers
 from heliosweep.search.optimise import front
 
-#: Maximum difference from the best value that counts as equal: in percentage points, or in percent of the value.
+#: Maximum difference at which a value counts as equal to the best value. [percentage points, or % of the value]
 FLAT = 0.1
 #: Number of best evaluations on the page.
 LISTED = 10
 
-#: Marks of the evaluations in figures.
+#: Styles of lines and markers for each kind of evaluation in figures.
 _LOOKS: dict[str, dict[str, Any]] = {
     "infeasible": {"linestyle": "", "marker": "x", "markersize": 3, "color": "#999999"},
     "evaluation": {"linestyle": "", "marker": "o", "markersize": 3, "color": COLOURS[4]},
@@ -50,7 +50,7 @@ _OWN = {
 
 
 def missed_by(values: Mapping[str, np.ndarray], limits: Mapping[str, Any]) -> np.ndarray:
-    """Return the sum of violations relative to the bounds; infinite for an evaluation without a value."""
+    """Return the sum of the relative violations of the bounds. It is infinite for an evaluation without a value."""
     total = np.zeros(len(next(iter(values.values()))))
     for name, limit in limits.items():
         for bound, sign in ((limit.at_least, 1.0), (limit.at_most, -1.0)):
@@ -68,8 +68,8 @@ def described(
 ) -> tuple[dict[str, Variable], dict[str, np.ndarray]]:
     """Return the variables of the result of a search, and their values.
 
-    `values` and `variables` contain the results by name. `goals`, the minimised objectives, shape (evaluations,
-    objectives), and `missed` come from the course.
+    `values` and `variables` contain the results by name. `goals` contains the minimised objectives, shape (evaluations,
+    objectives). `goals` and `missed` come from the course.
     """
     arrays = {name: np.asarray(values[name], float) for name in variables}
     own = (generations, missed == 0.0, front(goals, missed))
@@ -187,7 +187,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _marked(axis: str, result: xr.Dataset) -> xr.Dataset:
-    """Return the objectives by the kind of evaluation, along a key or an objective."""
+    """Return the objectives for each kind of evaluation, along a key or an objective."""
     goals, feasible, place = list(goals_of(result)), result["feasible"] == 1, best_of(result)
     kinds = {"infeasible": ~feasible, "evaluation": feasible}
     kinds |= {"front": result["best"] == 1} if len(goals) == 2 else {}

@@ -131,7 +131,7 @@ def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
 
 
 def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
-    """Check a result folder, and return the values for the texts. Raises HeliosweepError, StudyError."""
+    """Check a result folder, and return the values for the text templates. Raises HeliosweepError, StudyError."""
     found = verify(place)
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")
@@ -140,7 +140,7 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
     places, manifest = placed(study), json.loads((place / MANIFEST).read_text(encoding="utf-8"))
     if study.study_id != manifest["study_id"]:
         raise HeliosweepError(f"{place}: an input of the study was changed after the run")
-    # without user and machine
+    # omits user and machine
     shared = ("commit", "lock", "packages", "python")
     environment = {key: value for key, value in manifest.get("environment", {}).items() if key in shared}
     if str(environment.get("commit", "")).endswith("-dirty"):
@@ -162,7 +162,7 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
         "attributes": attributes,
         "inputs": dict(sorted((places[name], key) for key, names in study.files().items() for name in names)),
         "licence": licence,
-        # own licences are not in the SPDX list
+        # custom licences are not in the SPDX list
         "licence_url": None if licence.startswith(OWN) else f"https://spdx.org/licenses/{licence}.html",
         "title": str(attributes["title"]),
         "summary": str(attributes["summary"]),
@@ -229,9 +229,9 @@ def _without_empty(entity: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
-    """Return the licence.
+    """Return the licence of the data.
 
-    Raises StudyError if it is unknown, or if licence or creators are missing and it is not a draft.
+    Raises StudyError if the licence is unknown, or if licence or creators are missing and `draft` is False.
     """
     try:
         given is None or checked_licence(given)
@@ -251,7 +251,7 @@ def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
 
 
 def placed(study: Study) -> dict[str, str]:
-    """Return the name of each input file in the archive. The last part is kept, because results use it as a label.
+    """Return the path of each input file in the archive. File names are not changed, because they label results.
 
     Raises
     ------

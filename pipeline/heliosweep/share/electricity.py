@@ -29,7 +29,7 @@ _SERIES = {
     "stored_heat": ("e_ch_tes", "MWh", "heat in the storage"),
     "dni": ("beam", "W/m2", "direct normal irradiance"),
 }
-#: Inputs of SAM by keys of a study, with conversion factors: an acre is 4046.8564 m2, and 80 % of the costs are taxed.
+#: SAM inputs for keys of a study, with conversion factors. An acre is 4046.8564 m2, and 80 % of the costs are taxed.
 _KEYS = {
     "receiver.height": ("h_tower", 1.0), "receiver.height_extent": ("rec_height", 1.0),
     "receiver.radius": ("D_rec", 2.0), "receiver.absorptance": ("rec_absorptance", 1.0),
@@ -62,8 +62,8 @@ def tower_electricity(
     Parameters
     ----------
     efficiency : xarray.DataArray
-        Over ``sun_elevation`` and ``sun_azimuth``, from `efficiency_table` with the absorptance of the receiver as
-        its `factor`, without thermal losses. [1]
+        Efficiency over ``sun_elevation`` and ``sun_azimuth``, without thermal losses. Use `efficiency_table` with the
+        absorptance of the receiver as its `factor`. [1]
     flux : xarray.DataArray
         Shares of the light on the receiver's columns, from `flux_maps`. [1]
     weather : path or mapping
@@ -85,10 +85,10 @@ def tower_electricity(
     Returns
     -------
     xarray.Dataset
-        `electricity` [MWh], `turbine_power` [MW], `capacity_factor` [1], `installed_cost` [USD] and
-        `levelized_cost_of_electricity` [USD/MWh] of the year; over ``time``, the middle of each interval from the start
-        of the year [h]: `electric_power`, `absorbed_power`, `receiver_loss` and `receiver_heat` [MW], `stored_heat`
-        [MWh] and `dni` [W/m2].
+        Annual values: `electricity` [MWh], `turbine_power` [MW], `capacity_factor` [1], `installed_cost` [USD] and
+        `levelized_cost_of_electricity` [USD/MWh]. Time series: `electric_power`, `absorbed_power`, `receiver_loss` and
+        `receiver_heat` [MW], `stored_heat` [MWh] and `dni` [W/m2]. The coordinate ``time`` is the middle of each
+        interval, measured from the start of the year [h].
 
     Raises
     ------
@@ -101,7 +101,7 @@ def tower_electricity(
 
     Examples
     --------
-    The table of a small field, with the receiver and turbine of the default plant of SAM:
+    Compute a year for a small field, with the receiver and turbine of SAM's default plant:
 
     >>> import heliosweep
     >>> sun = {"azimuth": {"start": 0, "stop": 360, "step": 45}, "elevation": [15, 45, 75]}
@@ -137,7 +137,7 @@ def tower_electricity(
         raise HeliosweepError(f"SAM: {name and f'{name}: '}{text}") from error
     out = model.Outputs
     energy = out.annual_energy / 1e3
-    cost = np.nan  # for a plant that consumes more than it generates
+    cost = np.nan  # if the plant consumes more than it generates
     if energy > 0:
         cost = levelized_cost(
             out.total_installed_cost, energy, fixed_charge_rate=fixed_charge_rate, operation=operation
@@ -161,7 +161,7 @@ def tower_electricity(
 
 
 def _check(study: Study) -> None:
-    """Check that SAM can model the plant of a study. Raises StudyError with all problems."""
+    """Check that SAM can model the plant of a study. Raises a StudyError that lists all problems."""
     files = len(weather_files(study))
     kind = getattr(getattr(study, "receiver", None), "kind", None)
     currency = getattr(getattr(study, "economics", None), "currency", None)
@@ -185,13 +185,13 @@ def electricity_of(
 ) -> xr.Dataset:  # fmt: skip
     """Compute the electricity of the plant of a result.
 
-    `field` is a function that computes the field of the plant over directions of the sun.
+    `field` is a function that computes the result of the plant's field over sun directions.
 
     Raises
     ------
     StudyError
-        If SAM cannot model the plant, a swept parameter has no value, the result has no heat at the design point, or
-        the weather is not a year.
+        If SAM cannot model the plant, if `select` has no value for a swept parameter, if the result has no heat at the
+        design point, or if the weather does not cover a year.
     HeliosweepError
         As in `tower_electricity`.
     """
@@ -228,7 +228,7 @@ def electricity_of(
 def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], pd.DatetimeIndex]:
     """Return the weather of a study as SAM's ``solar_resource_data``, and the local times of its rows.
 
-    Rows begin on 1 January and omit 29 February. Unknown temperatures are 20 C, and unknown wind speeds are 0. Raises
+    Rows begin on 1 January and omit 29 February. Unknown temperatures become 20 C and unknown wind speeds 0 m/s. Raises
     StudyError.
     """
     (file,) = weather_files(study)

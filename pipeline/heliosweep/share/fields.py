@@ -1,4 +1,4 @@
-"""Layout files, and selection of one point of a result by keys of the study and labels."""
+"""Read and write layout files, and select one point of a result by keys of the study and labels."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def chosen(data: T, select: Mapping[str, Any] | None, keep: Sequence[str] = (), 
     Raises
     ------
     StudyError
-        If there is no such dimension or label, or too many dimensions remain.
+        If a dimension or label does not exist, or if too many dimensions remain.
     """
     for key, value in (select or {}).items():
         name = dimension_of(data, key)
@@ -87,9 +87,9 @@ def labels_of(coordinate: xr.DataArray) -> list[Any]:
 
 
 def label(data: xr.DataArray | xr.Dataset, name: str, value: Any) -> Any:
-    """Return the label of a dimension for a value, such as a text or the name of a heliostat.
+    """Return the label of a dimension that matches a value, such as a string or the name of a heliostat.
 
-    Raises StudyError if there is no such label, or more than one.
+    Raises StudyError if no label matches, or if several labels match.
     """
     if name not in data.dims:
         dims = ", ".join(map(str, data.dims))
@@ -117,7 +117,7 @@ def label(data: xr.DataArray | xr.Dataset, name: str, value: Any) -> Any:
 
 #: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and all others.
 LayoutForm: TypeAlias = Literal["solarpilot", "csv"]
-#: Residuals in a table of corrections.
+#: Variables with residuals in a table of corrections.
 _RESIDUALS = (
     *("uncalibrated_beam_residual_rms", "beam_residual_rms"),
     *("uncalibrated_held_out_residual_rms", "held_out_residual_rms"),
@@ -162,7 +162,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write spots as a table for ``calibration.spots``.
 
-    The notes are comments before the table.
+    The notes are written as comments before the table.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ def write_paint_study(spots: PaintSpots, path: str | os.PathLike[str], *, force:
 def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None) -> Layout:
     """Return the layout of a study or a result.
 
-    Mirror sizes that are fixed in the study become columns.
+    Mirror sizes that are fixed in the study are added as columns.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
     Raises
     ------
     StudyError
-        If there is no layout, or more than one.
+        If there is no layout, or if there are several.
 
     Examples
     --------
@@ -333,7 +333,7 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
 
 
 def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the changes that turn a study with `keep` or chosen aims into a study of the working heliostats.
+    """Return the changes that reduce a study with `keep` or chosen aims to the heliostats in use.
 
     Raises StudyError if the result has several such fields and `select` does not select one.
     """
@@ -372,12 +372,12 @@ def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
 def write_layout(
     layout: Layout | pd.DataFrame, path: str | os.PathLike[str], form: LayoutForm = "csv", *, force: bool = False
 ) -> Path:
-    """Write a layout, which `read_layout` reads with identical numbers.
+    """Write a layout to a file, from which `read_layout` returns identical numbers.
 
     Parameters
     ----------
     layout : Layout or pandas.DataFrame
-        The heliostats. A table has the columns of a layout file: ``x`` and ``y`` [m], and optionally ``z`` and others.
+        The heliostats. A DataFrame needs the columns ``x`` and ``y`` [m]; ``z`` and other layout columns are optional.
     path : path
         File to write, which appears under its name only when it is complete.
     form : {"csv", "solarpilot"}

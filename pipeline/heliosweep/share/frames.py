@@ -39,7 +39,7 @@ def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *
     Returns
     -------
     pandas.DataFrame
-        Table with the columns: dimensions, other coordinates along them, and variables.
+        Table whose columns are the dimensions, other coordinates along them, and the variables.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def write_csv(
     Raises
     ------
     StudyError
-        If the file exists, and as in `to_frame`.
+        If the file exists, or for the reasons listed in `to_frame`.
     HeliosweepError
         If the file cannot be written.
 
@@ -110,7 +110,7 @@ def write_csv(
 
 
 def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
-    """Group variables by their dimensions; each group has a table."""
+    """Group variables by their dimensions. Each group becomes a table."""
     found: dict[tuple[str, ...], list[str]] = {}
     for name, variable in result.data_vars.items():
         found.setdefault(tuple(map(str, variable.dims)), []).append(str(name))
@@ -118,7 +118,7 @@ def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
 
 
 def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dataset:
-    """Return variables with equal dimensions, and the coordinates along these."""
+    """Return variables with equal dimensions, and the coordinates along these dimensions."""
     names = names_of(result, variables)
     # pandas omits a second index of a dimension, such as names of heliostats
     result = result.drop_indexes([name for name in result.xindexes if name not in result.dims])
@@ -135,7 +135,7 @@ def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dat
 
 
 def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[str]:
-    """Return the names of the given variables, or of all. Raises StudyError."""
+    """Return the names of the given variables, or of all variables. Raises StudyError."""
     if not (variables is None or isinstance(variables, str | Iterable)):
         raise StudyError(
             Problem(f"must be the name of a variable, or a list of names (got {variables!r})", "variables")
@@ -162,7 +162,7 @@ def _frame(part: xr.Dataset) -> pd.DataFrame:
 
 
 def _pieces(part: xr.Dataset, dims: Sequence[Hashable]) -> Iterator[xr.Dataset]:
-    """Yield pieces of consecutive rows that fit in memory, by halving the first dimension with several values."""
+    """Yield pieces of consecutive rows that fit in memory, halving the first dimension that has several values."""
     dim = next((dim for dim in dims if part.sizes[dim] > 1), None)
     if dim is None or math.prod(part.sizes[dim] for dim in dims) <= ROWS_AT_A_TIME:
         yield part
@@ -195,9 +195,8 @@ def write_xlsx(
 ) -> Path:
     """Write variables of a result as an Excel workbook.
 
-    Each set of dimensions has a sheet.
-
-    The first sheet lists all variables with their units and sheets, and the fixed values.
+    Each set of dimensions has its own sheet. The first sheet lists all variables with their units and sheets, and the
+    fixed values.
 
     Parameters
     ----------
@@ -220,7 +219,7 @@ def write_xlsx(
     Raises
     ------
     StudyError
-        If the file exists, a variable is unknown, or a given variable has more rows than a sheet.
+        If the file exists, a variable is unknown, or a requested variable has too many rows for a sheet.
     HeliosweepError
         If the package openpyxl is not installed, or the file cannot be written.
 
@@ -274,7 +273,7 @@ def _line(result: xr.Dataset, name: Any, **more: Any) -> dict[str, Any]:
 
 
 def _sheet_name(title: str, taken: Iterable[str]) -> str:
-    """Return a name of a sheet that is not used yet, regardless of case."""
+    """Return an unused name for a sheet. Names that differ only by case count as equal."""
     name = re.sub(r"[\[\]:*?/\\]", " ", title).strip(" '")[:_LETTERS] or "table"
     number, others = 1, {one.lower() for one in taken}
     while name.lower() in others:

@@ -32,8 +32,8 @@ def explain(words: Iterable[str]) -> str:
     Parameters
     ----------
     words : sequence of str
-        A family, a dotted key such as ``receiver.height``, or a variable such as ``field_receiver_energy``; or a family
-        with a key or a variable. A single family lists its keys.
+        A family, a dotted key such as ``receiver.height``, or a variable such as ``field_receiver_energy``. A family
+        may precede a key or a variable. For a family alone, its keys are listed.
 
     Returns
     -------
@@ -43,8 +43,8 @@ def explain(words: Iterable[str]) -> str:
     Raises
     ------
     StudyError
-        If there is no such family, key or variable. The message lists keys and variables that are similar, or whose
-        descriptions contain the word.
+        If the family, key or variable does not exist. The message lists keys and variables that have similar names, or
+        whose descriptions contain the word.
     """
     given = list(words)
     chosen = [given.pop(0)] if {*given[:1]} & {*families()} else list(families())
@@ -81,7 +81,7 @@ def new_study(family: str, target: str | os.PathLike[str] | None = None, *, forc
     Raises
     ------
     StudyError
-        If there is no such family, or the file exists.
+        If the family does not exist, or if the file exists.
     """
     if family not in families():
         near = nearest(family, families())
@@ -99,7 +99,7 @@ def shipped() -> dict[str, Path]:
 
 
 def examples() -> str:
-    """Return a line for each shipped study, by family: name, family and title."""
+    """Return one line for each shipped study, sorted by family, with its name, family and title."""
     told = sorted((str(source.data.get("family")), name, str(source.data.get("title"))) for name, source in _read())
     if not told:
         raise HeliosweepError("this installation has no studies; they are in the folder studies/ of the source code")
@@ -113,7 +113,7 @@ def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force
     Raises
     ------
     StudyError
-        If there is no such study, or a file with this name exists. No files are copied then.
+        If a study does not exist, or if an existing file would be replaced. In both cases, no files are copied.
     """
     known, place = shipped(), user_path(folder)
     wanted: dict[Path, Path] = {}
@@ -190,7 +190,7 @@ def _explained(family: str, key: Key) -> str:
 
 
 def _example(family: str, key: Key) -> str:
-    """Return the key with a value from the example or a shipped study; empty if no study has it."""
+    """Return the key with a value from the example or a shipped study, or an empty string if no study has it."""
     own = parse(families()[family].example(), Path(f"{family}.yaml"))
     others = [(name, source) for name, source in _read() if source.data.get("family") == family]
     for name, source in [(f"heliosweep new {family}", own), *others]:

@@ -46,7 +46,7 @@ TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
 #: Keys that are removed for directions of the sun, and their dimensions.
 _GONE = ("site.", "sites", "time.", "weather.", "limits.", "availability.", "economics.", "budget.")
-_DIGITS = 9  # decimals of angles and efficiencies, a nanometre at 1 m
+_DIGITS = 9  # number of decimals of angles and efficiencies
 _SAME = 10.0**-_DIGITS
 #: Variables for a table in order of preference, and their factors.
 _FACTORS = {
@@ -74,7 +74,7 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     Raises
     ------
     StudyError
-        If the family has no directions of the sun, or the directions are invalid.
+        If the family cannot use sun directions, or if the directions are invalid.
     """
     time = type(study).model_fields.get("time")
     if time is None or SunDirections not in blocks_in(time.annotation):
@@ -116,7 +116,7 @@ def efficiency_table(
     result : xarray.Dataset
         Result of a study with ``clock: sun``, from `open_result` or `build`.
     select : mapping of str to value, optional
-        Value of each other dimension of the result.
+        Value of each dimension of the result that is not a sun direction.
     variable : str, optional
         A variable of the whole field (default: total efficiency with `optics`, otherwise optical efficiency).
     factor : float
@@ -125,12 +125,12 @@ def efficiency_table(
     Returns
     -------
     xarray.DataArray
-        Efficiency over ``sun_elevation`` and ``sun_azimuth``, in memory; missing if the sun is down.
+        Efficiency over ``sun_elevation`` and ``sun_azimuth``, in memory. Values are missing if the sun is down.
 
     Raises
     ------
     StudyError
-        If the result has no directions, or a dimension without a value.
+        If the result has no sun directions, or if `select` has no value for another dimension of the result.
     """
     if not 0 < factor <= 1:
         raise StudyError(Problem(f"must be more than 0 and at most 1 (got {factor:g})", "factor"))
@@ -142,26 +142,27 @@ def efficiency_table(
 
 
 def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr.DataArray:
-    """Return the shares of the light on the receiver's columns over directions of the sun.
+    """Return the share of the light on each column of the receiver, for each sun direction.
 
     Parameters
     ----------
     result : xarray.Dataset
         Result of a study with ``clock: sun`` and `output.flux_map`, from `open_result` or `build`.
     select : mapping of str to value, optional
-        Value of each other dimension of the result.
+        Value of each dimension of the result that is not a sun direction.
 
     Returns
     -------
     xarray.DataArray
         Shares over ``sun_elevation``, ``sun_azimuth`` and the columns; their sum is 1. Columns of a cylinder run from
-        south over east, north and west; columns of a rectangle from left to right as seen from the mirrors. Missing if
-        the sun is down.
+        south over east, north and west; columns of a rectangle from left to right as seen from the mirrors. Values
+        are missing if the sun is down.
 
     Raises
     ------
     StudyError
-        As in `efficiency_table`; also if no light reaches the receiver, or a cylinder has an odd number of columns.
+        For the reasons listed in `efficiency_table`, if no light reaches the receiver, or if a cylinder has an odd
+        number of columns.
     """
     if "flux_map" not in result.data_vars:
         raise StudyError(Problem("the result has no flux map: add 'output: {flux_map: ...}' to the study"))
@@ -212,12 +213,13 @@ def write_table(
     Parameters
     ----------
     table : xarray.DataArray
-        Table from `efficiency_table`; or from `flux_maps`, which ``tower`` writes in the same order without angles.
+        Table from `efficiency_table` or `flux_maps`. Flux maps need the format ``tower``. Their rows are in the same
+        order, without angles.
     path : path
-        CSV file to write; appears under its name when it is complete.
+        CSV file to write, which appears under its name only when it is complete.
     form : {"tower", "generic", "solarpilot"}
-        Format: for SAM's molten-salt power tower, for SAM's generic solar field, or of SolarPILOT. If the sun is down,
-        the first has no rows, and the others have zeros.
+        Format for SAM's molten-salt power tower, for SAM's generic solar field, or for SolarPILOT. If the sun is down,
+        ``tower`` has no rows, and the other formats contain zeros.
     force : bool
         If True, replace an existing file.
 
@@ -229,7 +231,7 @@ def write_table(
     Raises
     ------
     StudyError
-        If the file exists, or two azimuths are the same direction in this format.
+        If the file exists, or if two azimuths are the same direction in this format.
     HeliosweepError
         If the file cannot be written.
 

@@ -61,9 +61,9 @@ def download_weather(
     Raises
     ------
     StudyError
-        If a value is out of range, the key is missing or the file exists.
+        If a value is out of range, if the key is missing, or if the file exists.
     HeliosweepError
-        If the service cannot be reached, rejects the query, or has no irradiance.
+        If the service cannot be reached, rejects the query, or returns no irradiance.
     """
     for key, value, most in (("--latitude", latitude, 90.0), ("--longitude", longitude, 180.0)):
         if not abs(value) <= most:
@@ -82,7 +82,7 @@ def download_weather(
         for secret in filter(None, personal.values()):
             text = text.replace(secret, "...")
         raise HeliosweepError(f"{service}: no weather of {latitude:g}, {longitude:g} deg: {text}") from None
-    data = data.rename(columns={"poa_direct": "dni"})  # the column of PVGIS for a tracked plane
+    data = data.rename(columns={"poa_direct": "dni"})  # PVGIS's column for a tracked plane
     if "dni" not in data or data["dni"].isna().any():
         raise HeliosweepError(f"{service}: the response has no direct normal irradiance, or values are missing")
     header = {

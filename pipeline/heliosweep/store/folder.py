@@ -46,13 +46,13 @@ def unfinished(folder: Path) -> ChunkStore | None:
 
 
 class ChunkStore:
-    """Folder of chunks, which `create` makes."""
+    """Folder of computed chunks. It does not exist before `create` is called."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def create(self, cuts: Mapping[str, Cut], **about: Any) -> dict[str, Cut]:
-        """Make the folder if necessary; return the cuts of the run that made it, or `cuts`."""
+        """Create the folder if necessary. Returns the cuts stored in an existing folder, otherwise `cuts`."""
         with suppress(OSError, ValueError, TypeError, KeyError):
             return {kind: Cut(**lengths) for kind, lengths in self.record["cuts"].items()}
         content = {"cuts": {kind: vars(cut) for kind, cut in cuts.items()}, **about}
@@ -109,7 +109,7 @@ RESULT = "result.nc"
 MANIFEST = "manifest.json"
 #: The best point of a search, as a study.
 BEST = "best.yaml"
-#: File of the study of a result: from a run, and in an unpacked archive.
+#: Study file of a result: in the folder of a run, and in an unpacked archive.
 STUDIES = ("study.resolved.yaml", "study.yaml")
 #: Files that describe a result and are removed when another result replaces it.
 DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
@@ -147,7 +147,7 @@ def is_locked(folder: Path) -> bool:
             return False
     except Timeout:
         return True
-    except OSError:  # the folder of another user
+    except OSError:  # a folder of another user
         return False
 
 
@@ -178,7 +178,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """Make a result folder and check that it is writable; remove it if it remains empty. Raises StudyError."""
+    """Create a result folder and check that it is writable; remove it if it remains empty. Raises StudyError."""
     created: list[Path] = []
 
     def remove_empty() -> None:
@@ -227,7 +227,7 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
 
 
 def page_head(page: Path) -> tuple[str, str]:
-    """Return title and headline of a page without loading the libraries of the report; empty without a page."""
+    """Return title and headline of a page without loading the report's libraries; empty if there is no page."""
     head = ""
     with suppress(OSError), page.open(encoding="utf-8", errors="replace") as file:
         head = file.read(8192)
@@ -357,7 +357,7 @@ def target_file(
 
 
 def sources_of(study: Study) -> set[Path]:
-    """Return the study file, included studies, and all their files, including files of sites."""
+    """Return the study file, the included studies, and all their input files, including weather files of sites."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
     from heliosweep.config.load import file_names
     from heliosweep.config.source import read

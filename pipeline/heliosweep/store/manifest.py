@@ -27,7 +27,8 @@ from heliosweep.store.read import result_digest
 def words_of(family: Any, study: Study) -> dict[str, Any]:
     """Return the global attributes from the study and its family, according to CF-1.11 and ACDD-1.3.
 
-    They contain no clock time, host, user or path, so that runs do not differ. These data are in the manifest.
+    They contain no clock time, host, user or path, so that repeated runs give equal files. The manifest contains these
+    data.
     """
     keywords = ("concentrating solar power", "solar tracking", *family.keywords)
     given = study.dataset.keywords if study.dataset else ()
@@ -190,7 +191,7 @@ def _words(value: Any) -> str:
 
 
 def summary(about: str, study: Study) -> str:
-    """Return subject and period of a study on one line; the period is omitted without a clock."""
+    """Return subject and period of a study on one line. The period is omitted if the study has no clock."""
     said, time = " ".join(about.split()), getattr(study, "time", None)
     if isinstance(time, SolarTime | CivilTime):
         period = dates(time)
@@ -202,12 +203,12 @@ def summary(about: str, study: Study) -> str:
 
 
 def months(time: WeatherTime) -> str:
-    """Return a text of the months of a study with a weather file."""
+    """Describe the months of a study with a weather file."""
     return "all" if time.months is None else ", ".join(f"{month:g}" for month in time.months.values())
 
 
 def dates(time: SolarTime | CivilTime) -> str:
-    """Return a text of the dates, days of the year or declinations of the sun of a study."""
+    """Describe the dates, the days of the year or the solar declinations of a study."""
     if isinstance(time, CivilTime):
         listed = list(map(str, time.date_list()))
         if len(listed) <= 4:

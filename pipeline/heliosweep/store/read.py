@@ -52,7 +52,7 @@ def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
     Raises
     ------
     StudyError
-        If there is no result.
+        If the path contains no result.
     HeliosweepError
         If the result is damaged.
     """

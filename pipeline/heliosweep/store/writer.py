@@ -64,7 +64,7 @@ def write_result(blocks: Blocks, template: Template, output: Output, folder: Pat
     template : Template
         Other contents of the result.
     output : Output
-        Compression.
+        Output block of the study, which specifies the compression.
     folder : pathlib.Path
         Result folder.
 
@@ -125,7 +125,7 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
             storage = {"chunksizes": _block_shape(template, variable), "compression": "zlib", "complevel": level}
         fill = np.nan if dtype.kind == "f" else False
         target = file.createVariable(name, dtype, variable.dims, fill_value=fill, **storage)
-        # each chunk is written once, so a cache would only cost 64 MB per variable
+        # each chunk is written once, so a cache would only use 64 MB per variable
         if level and variable.kind == "series":
             target.set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
         labels = [
