@@ -1,6 +1,7 @@
 """Base class of blocks, the blocks common to all families, and conversion of pydantic errors to located problems.
 
-A family declares its own blocks in the same way. The block `execution` does not affect the numbers of a result.
+Families declare their own blocks as subclasses of `Block`. The block `execution` does not affect the numbers of a
+result.
 """
 
 from __future__ import annotations

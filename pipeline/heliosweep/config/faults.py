@@ -47,7 +47,7 @@ SYNONYMS = {
     "optimize": "use the block 'search' to find the best point",
 }
 
-#: Small numbers as words.
+#: The numbers 0 to 4 in words.
 COUNTS = ("no", "one", "two", "three", "four")
 
 T = TypeVar("T")
@@ -134,7 +134,7 @@ def to_pydantic(faults: Iterable[Fault]) -> ValidationError:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known word that was probably intended, or None if no word is similar."""
+    """Return the known word that the user probably meant, or None if no known word is similar."""
     known = list(known)
     near = difflib.get_close_matches(word[:50], known, n=1)
     if not near and len(word) >= 3:  # such as lat for latitude

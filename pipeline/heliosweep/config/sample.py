@@ -1,9 +1,9 @@
 """Draws of a study: the block `sample`, the design of the draws and its points in the unit cube.
 
 A design has one row for each draw and one column for each drawn key. In the designs `sobol` and `random`, draw k
-depends only on the seed and on k, so a longer sample begins with the shorter sample. Draw k of `sobol` belongs to
-sequence k modulo 8 of eight Sobol sequences, which are scrambled independently [1]_. The spread of the eight sequence
-means gives the error of their mean. A single sequence does not give this error [2]_.
+depends only on the seed and on k. The first draws of a longer sample therefore equal a shorter sample. Draw k of
+`sobol` belongs to sequence k modulo 8 of eight Sobol sequences, which are scrambled independently [1]_. The spread of
+the eight sequence means gives the error of their mean. A single sequence does not give this error [2]_.
 
 References
 ----------

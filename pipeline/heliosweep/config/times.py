@@ -107,7 +107,7 @@ def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime,
     """Convert a time on the wall clock to universal time, and check that the clock shows this time.
 
     If the clock is set back and an hour occurs twice, the first occurrence is used. If the clock is set forward and
-    skips the time, the result is the instant of the change, and the second value is False.
+    skips the time, the result is the instant of the change.
 
     Parameters
     ----------

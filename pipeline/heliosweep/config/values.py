@@ -689,7 +689,7 @@ def factor(given: str, wanted: str) -> float:
     return float(factors[given] / factors[wanted])
 
 
-#: Maximum seed; above it, several seeds would be equal as floats.
+#: Maximum seed. Larger integers are not exact as floats, so different seeds could be equal.
 MAX_SEED = 2**53 - 1
 Schema = dict[str, Any]
 
@@ -927,7 +927,7 @@ class Quantity(Parameter):
         return read_drawn(raw, self._number, self._checked, low, high, form)
 
     def bounds(self) -> str:
-        """Return the bounds as text, such as ``between -90 and 90 deg``; empty if there are none."""
+        """Return the bounds as text, such as ``between -90 and 90 deg``; empty if unbounded."""
         ending, form = suffix(self.unit), ".0f" if self.integer else "g"
         if self.ge is not None and self.le is not None:
             return f"between {self.ge:{form}} and {self.le:{form}}{ending}"

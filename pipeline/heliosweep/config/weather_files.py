@@ -55,7 +55,7 @@ _MARKS = {
     "period_end": "end", "periodend": "end", "period_start": "start", "periodstart": "start",
 }  # fmt: skip
 _IRRADIANCE = ("Wh/m2", "kW/m2", "kWh/m2", "MJ/m2")
-#: Columns of weather files by their titles in the formats.
+#: Columns of weather files, with the titles used by the formats.
 COLUMNS = {
     "dni": Column(
         "direct normal irradiance, in W/m2", True, -10, MOST_DNI,
@@ -103,7 +103,7 @@ _EPW = dict(enumerate(("year", "month", "day", "hour", "minute"))) | {
     15: "dhi",
     21: "wind_speed",
 }
-#: Positions of the fields of the site in the first line of a file, and titles of these fields in SAM CSV.
+#: Site data: position of each field in the first line of a file, and its title in SAM CSV.
 _PLACES = {
     "EPW": {"latitude": 6, "longitude": 7, "time zone": 8, "altitude": 9},
     "TMY3": {"latitude": 4, "longitude": 5, "time zone": 3, "altitude": 6},
@@ -346,7 +346,7 @@ class WeatherFile:
     hours : float
         Length of each interval. [h]
     utc : ndarray of datetime64, shape (T,)
-        Instant of each row in universal time and in the year of the row, usually the middle of its interval.
+        Instant of each row in universal time, usually the middle of its interval. The year is that in the file.
     month : ndarray of int, shape (T,)
         Month, 1 to 12, on the clock of the file.
     dni, wind, temperature : ndarray, shape (T,)
@@ -624,7 +624,7 @@ def _step(
         table.fail("has its last row first: sort the rows by time")
     if not 0 < step <= 60 or 1440 % step:
         table.fail(f"has rows {step:g} minutes apart: give intervals of an hour, or of a fraction of an hour")
-    # Middles of the intervals on a clock without summer time, so that the end of 28 February is not on 29 February.
+    # Uses the middles of intervals on a clock without summer time, because 28 February ends at 0:00 of the next day.
     walls = utc + (walls[0] - utc[0]) + np.timedelta64(round(60 * step * _TO_MIDDLE.get(sheet.mark, 0)), "s")
     dates, months = walls.astype("datetime64[D]"), walls.astype("datetime64[M]")
     month, day = months.astype(np.int64) % 12, (dates - months.astype("datetime64[D]")).astype(np.int64)

@@ -53,7 +53,7 @@ def is_signed(low: float, high: float) -> bool:
 
 
 def is_flag(array: xr.DataArray | xr.Variable) -> bool:
-    """Return True if values are codes of words."""
+    """Return True if values are codes for categories."""
     return "flag_values" in array.attrs and "flag_meanings" in array.attrs
 
 
@@ -80,7 +80,7 @@ def printed(array: xr.DataArray, of: xr.DataArray | None = None) -> Any:
 
 
 def title_of(array: xr.DataArray) -> str:
-    """Return the name of an array in running text."""
+    """Return the name of an array for use in a sentence."""
     return str(array.attrs.get("long_name") or str(array.name).replace("_", " ")).removeprefix("name of the ")
 
 
@@ -191,7 +191,7 @@ class Context:
         return np.argsort(values, kind="stable") if values.dtype.kind in "fiuM" else np.arange(values.size)
 
     def along(self, dim: str) -> tuple[np.ndarray, list[str]]:
-        """Return the sorted axis positions of the values of a dimension, and the labels of words."""
+        """Return the sorted axis positions of the values of a dimension, and the labels of its categories."""
         order = self.order(dim)
         if dim in self.result.coords and (values := self.coordinate(dim).to_numpy()).dtype.kind in "fiuM":
             return values[order], []
@@ -232,7 +232,7 @@ class Context:
         return [{dim: int(order[index])} for index in evenly(order.size, most)] if order.size else []
 
     def title(self, dim: str) -> str:
-        """Return the name of a dimension in running text."""
+        """Return the name of a dimension for use in a sentence."""
         title = head_of(self.result[dim]) if dim in self.result.coords else dim
         return (title if len(title) <= 40 else dim).replace("_", " ")
 
@@ -279,7 +279,7 @@ class Context:
     def note(self, fixed: Point, *shown: Sequence[Point]) -> str:
         """Return the sentences of a caption that state the selection.
 
-        Each element of `shown` lists the shown points of one dimension, which may be only some of its points.
+        Each element of `shown` lists the points of one dimension that are shown.
         """
         sizes, thinned = self.result.sizes, [(dim, list(points)) for points in shown for dim in next(iter(points), ())]
         parts = [

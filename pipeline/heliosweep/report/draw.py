@@ -261,7 +261,7 @@ def _tick_plain(axis: Axis) -> None:
 
 
 def _curves(context: Context, figure: Curves, over: Sequence[str]) -> Iterator[NamedFigure]:
-    """Draw curves; variables with the same axis share a figure."""
+    """Draw curves. Variables with the same horizontal axis share a figure."""
     result, (axis,) = context.result, over
     names, line, lines, places, fixed = _curves_chosen(context, figure, axis)
     shown, words = list(itertools.product(names, places)), context.along(axis)[1]
@@ -549,7 +549,7 @@ def _values(context: Context, name: str, over: Sequence[str], *points: Point) ->
 
 
 def _look(figure: Coloured, maps: Sequence[np.ndarray], array: xr.DataArray) -> Look:
-    """Return scale and colours of numbers, or of values that are codes of words."""
+    """Return the scale and colours for numbers, or for values that are codes for categories."""
     if not figure.kinds:
         return shades(maps, figure.palette, _ABOUT_ZERO in array.attrs)
     codes = sorted(figure.kinds)

@@ -1,4 +1,4 @@
-"""Declarations of figures by their form, variables and dimensions.
+"""Declarations of figures with their form, variables and dimensions.
 
 A family lists declarations in its module ``figures``. `heliosweep.report.draw` draws them as images,
 `heliosweep.report.interactive` as interactive plots. Variables that a result does not have are skipped.
@@ -20,7 +20,7 @@ HELIOSTAT = "heliostat"
 PIXELS = ("z", "y")
 #: Minimum number of heliostats for a map of the field.
 FIELD = 7
-#: Dimensions whose numbers are only names, so that no line joins their values.
+#: Dimensions whose numbers are only labels, so that no line joins their values.
 NAMES = (HELIOSTAT, "module", "camera", "sample", "spot", "parameter", "trace", "detector", "evaluation")
 #: Maximum number of figures of a result.
 MOST_FIGURES = 12
@@ -82,8 +82,8 @@ class Curves(Figure):
     Parameters
     ----------
     bands : mapping of str to sequence of str
-        For each variable, the names of the variables with the lower and upper end of its band, or with half of its
-        width. Standard errors ``NAME_error`` need no entry.
+        Names of the variables that contain the lower and upper end of each variable's band, or half of its width.
+        Standard errors ``NAME_error`` need no entry.
     logarithmic : bool
         If True, the axis of the values is logarithmic.
     most : int
@@ -110,7 +110,7 @@ class Coloured(Figure):
     palette : str
         Name of the colour map (default: chosen from the values).
     kinds : mapping of int to (str, str)
-        Meaning and colour of each value, if values are codes of words.
+        Meaning and colour of each value, if values are codes for categories.
     """
 
     each: bool = False
@@ -179,8 +179,8 @@ class Special(Figure):
     Parameters
     ----------
     draw : callable
-        Function that takes the data set and returns a matplotlib figure, a figure with further sentences for the
-        caption, or None. All variables that it needs are in `variables`.
+        Function that takes the data set and returns a matplotlib figure or None. It may also return further sentences
+        for the caption. `variables` lists all variables that it needs.
     """
 
     draw: Callable[[xr.Dataset], Any] = lambda _: None

@@ -165,7 +165,7 @@ def _environment() -> Environment:
 
 
 def linked(text: str) -> Markup:
-    """Return a text with its digital object identifiers as links."""
+    """Return a string in which digital object identifiers are links."""
     pieces, end = [], 0
     for found in tables.DOI.finditer(text):
         link = Markup('<a href="https://doi.org/{}">{}</a>').format(found.group(1), found.group())
@@ -243,7 +243,7 @@ def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]
 
 
 def for_others(page: str, study: str) -> str:
-    """Return a page without its author's machine, command and paths, and with the text of another study."""
+    """Return a page without its author's machine, command and paths, and with `study` as the text of the study file."""
     page = _MACHINE.sub("", page).replace('href="study.resolved.yaml"', 'href="study.yaml"')
     return _STUDY.sub(lambda _: escape(study), page)
 

@@ -132,7 +132,7 @@ def _aligned(results: Sequence[xr.Dataset]) -> list[xr.Dataset]:
 
 
 def _expanded(result: xr.Dataset, swept: Mapping[Any, set[Any]]) -> xr.Dataset:
-    """Return a result with all swept dimensions of the others, and with rounded labels."""
+    """Return a result with rounded labels, expanded along all dimensions that are swept in any result."""
     fixed = {dim for dims in swept.values() for dim in dims if dim in result.coords and not result[dim].ndim}
     grown = {
         name: one.drop_vars(fixed - swept[name]).expand_dims([*(swept[name] & fixed)])

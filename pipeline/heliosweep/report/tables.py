@@ -199,7 +199,7 @@ def _headline(result: xr.Dataset, array: xr.DataArray) -> Headline | None:
     if low == high:
         return Headline(low, unit, title)
     best = array.attrs.get(BEST_VALUE, "")
-    if set(array.dims) & set(INNER) or not best:  # of the parts of one result, the worst needs attention
+    if set(array.dims) & set(INNER) or not best:  # among the parts of one result, the worst needs attention
         word, find = ("maximum", np.nanargmax) if best == SMALLEST else ("minimum", np.nanargmin)
         where = _place(result, array, int(find(values)))
         return Headline(f"{low} to {high}", unit, title, f"{word} at {where}" if where else "")

@@ -1,7 +1,7 @@
 """Optimisers of a search, from `pymoo` (extra `search`) and SciPy.
 
 A single objective is optimised by particle swarm optimisation (Kennedy and Eberhart 1995,
-doi:10.1109/ICNN.1995.488968), then by COBYQA from its best point (Ragonneau and Zhang 2025,
+doi:10.1109/ICNN.1995.488968). COBYQA then refines the best point (Ragonneau and Zhang 2025,
 doi:10.1007/s10107-025-02241-6). Two objectives are optimised by NSGA-II (Deb, Pratap, Agarwal and Meyarivan 2002,
 doi:10.1109/4235.996017). Points that satisfy all bounds are ranked first.
 """

@@ -70,10 +70,10 @@ def pack_result(
     Raises
     ------
     HeliosweepError
-        If the result is incomplete or damaged, an input of the study is missing or changed, or the archive cannot be
-        written.
+        If the result is incomplete or damaged, if an input of the study is missing or changed, or if the archive cannot
+        be written.
     StudyError
-        If the name of the archive is invalid, the licence is unknown, or licence or creators are missing.
+        If the name of the archive is invalid, if the licence is unknown, or if licence or creators are missing.
 
     Examples
     --------

@@ -190,8 +190,8 @@ def electricity_of(
     Raises
     ------
     StudyError
-        If SAM cannot model the plant, if `select` has no value for a swept parameter, if the result has no heat at the
-        design point, or if the weather does not cover a year.
+        If SAM cannot model the plant, or if `select` has no value for a swept parameter. The error is also raised if
+        the result has no heat at the design point, or if the weather does not cover a year.
     HeliosweepError
         As in `tower_electricity`.
     """

@@ -206,7 +206,7 @@ def write_corrections(
     path : path
         CSV file to write, which appears under its name only when it is complete.
     select : mapping of str to value, optional
-        Value of each dimension with several calibrations, such as ``{"parameters": 4}``.
+        Value of each dimension that distinguishes calibrations, such as ``{"parameters": 4}``.
     force : bool
         If True, replace an existing file.
 
@@ -381,8 +381,8 @@ def write_layout(
     path : path
         File to write, which appears under its name only when it is complete.
     form : {"csv", "solarpilot"}
-        A table with a header and all columns, or a user-defined layout of SolarPILOT, which contains only positions,
-        templates, focal lengths, canting and aim points.
+        A table with a header and all columns, or a user-defined layout of SolarPILOT. The latter contains only
+        positions, templates, focal lengths, canting and aim points.
     force : bool
         If True, replace an existing file.
 

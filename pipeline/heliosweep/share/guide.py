@@ -190,7 +190,7 @@ def _explained(family: str, key: Key) -> str:
 
 
 def _example(family: str, key: Key) -> str:
-    """Return the key with a value from the example or a shipped study, or an empty string if no study has it."""
+    """Return the key with a value from the example or a shipped study; empty if no study contains it."""
     own = parse(families()[family].example(), Path(f"{family}.yaml"))
     others = [(name, source) for name, source in _read() if source.data.get("family") == family]
     for name, source in [(f"heliosweep new {family}", own), *others]:

@@ -8,18 +8,18 @@ The conventions follow the source code of NREL's ssc and SolarPILOT:
   below the horizon are omitted, because SAM stops the field at night. Each row has a flux map (``flux_maps``) with the
   shares of the light on the receiver's columns. For a cylinder, columns run from south over east, north and west; SAM
   sums over the height.
-- SAM's generic solar field reads a matrix with ascending zenith angles in the first column and ascending azimuths in
-  the first row, whose first cell is empty. Azimuth 0 is south, east is negative, and west positive
+- SAM's generic solar field reads a matrix. The first column contains ascending zenith angles, the first row ascending
+  azimuths, and the first cell is empty. Azimuth 0 is south, east is negative, and west is positive
   (`C_csp_gen_collector_receiver`).
-- SolarPILOT's Python interface writes elevations in the first row, after a zero, and azimuths, clockwise from north, in
-  the first column (`save_optical_efficiency_table`).
+- SolarPILOT's Python interface writes a zero and the elevations in the first row. The first column contains azimuths,
+  clockwise from north (`save_optical_efficiency_table`).
 
 The first two formats were tested with PySAM 7.1. For user-defined performance, SAM's power tower multiplies the
-efficiency only by the direct irradiance, by the area of the mirrors (their number, width, height and ``dens_mirror``)
-and by its hourly availability. The table must therefore include reflectivity, soiling, attenuation, intercept and the
-absorptance of the receiver. A study with `optics` includes all these factors except the absorptance. Without `optics`,
-the table contains only cosine, shading and blocking. The argument `factor` adds missing factors. SAM's generic solar
-field multiplies by its own optical factors.
+efficiency only by the direct irradiance, the mirror area and the hourly availability. The mirror area follows from the
+number, width and height of the mirrors and ``dens_mirror``. The table must therefore include reflectivity, soiling,
+attenuation, intercept and the absorptance of the receiver. A study with `optics` includes all these factors except the
+absorptance. Without `optics`, the table contains only cosine, shading and blocking. The argument `factor` adds missing
+factors. SAM's generic solar field multiplies by its own optical factors.
 """
 
 from __future__ import annotations

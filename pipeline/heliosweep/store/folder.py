@@ -294,7 +294,7 @@ def result_folders(outputs: Path) -> list[Path]:
 
 
 def status_lines(statuses: Sequence[Status]) -> Iterable[str]:
-    """Yield one line for each study."""
+    """Yield one line of text for each study."""
     width = max((len(str(status.folder)) for status in statuses), default=0)
     states = max((len(status.state) for status in statuses), default=0)
     return (f"{status.folder!s:{width}}  {status.state:{states}}  {status.detail}" for status in statuses)
@@ -327,8 +327,8 @@ def target_file(
     Raises
     ------
     StudyError
-        If the file exists, is a folder, is a source, belongs to a result or has another suffix, or if its folder does
-        not exist.
+        If the file exists and `force` is False, or if it is a folder, is a source, or belongs to a result. The error is
+        also raised if the suffix is not allowed, or if the folder of the file does not exist.
     """
     file = user_path(target)
     place, ends = file.parent.resolve() / file.name, [*endings[:-2], " or ".join(endings[-2:])]

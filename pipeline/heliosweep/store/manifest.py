@@ -148,8 +148,8 @@ def finished(folder: Path) -> tuple[Path | None, dict[str, Any]]:
 def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[str, Any]:
     """Return the inputs that determine the bytes of a study's result.
 
-    The keys are ``study_id`` and ``study`` for the study, ``code`` for versions of the code, ``output`` for stored
-    variables and format, and ``attributes`` for global attributes.
+    The keys ``study_id`` and ``study`` describe the study, and ``code`` the versions of the code. The key ``output``
+    describes stored variables and their format, and ``attributes`` contains the global attributes.
     """
     canonical = study.canonical()
     # these follow from the study and the code, which are compared separately
@@ -164,7 +164,7 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
 
 
 def changes(before: Any, after: Any, key: str = "") -> list[str]:
-    """Return the differences of plain data, one line per key.
+    """Return the differences between two values of plain data, one line per key.
 
     A line has the form ``receiver.height: 60 -> 70``.
     """
