@@ -92,8 +92,7 @@ def choose_aims(
     power : ndarray, shape (A, N)
         Power of each heliostat with each aim. [any unit]
     flux : csr_matrix, shape (A * N, C)
-        Flux of the heliostats in each cell: first with the first aim point, then with the second one, and so on. [any
-        unit]
+        Flux in each cell; row a * N + i is heliostat i with aim point a. [any unit]
     limit : ndarray, shape (C,)
         Limit of each cell, above 0. [unit of the flux]
     gap : float

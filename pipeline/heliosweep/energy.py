@@ -136,7 +136,7 @@ def error_budget(
     alone : mapping of str to float or array, shape (...)
         Energy with only one cause, for each cause. [MWh]
     without : mapping of str to float or array, shape (...), optional
-        Energy with all causes except one, by the same causes. [MWh]
+        Energy with all causes except one, for each cause. [MWh]
 
     Returns
     -------
@@ -271,7 +271,7 @@ def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "wea
     Parameters
     ----------
     values : array or DataArray, shape (..., years)
-        Results of several years, such as the energy of each weather year.
+        Yearly results, such as the energy of each weather year.
     probability : float or array, shape (n,)
         Probabilities of exceedance, between 0 and 1. [1]
     dim : str

@@ -222,7 +222,7 @@ def trace_field(
     layout : array, DataFrame, Dataset, mapping or Scene
         Centres of the mirrors as in `field_scene`, or a scene.
     receiver : Cylinder or Rectangle
-        Receiver; omit it with a scene.
+        Receiver; omit it if `layout` is a scene.
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Direction to the sun. [deg]
     rays : int, optional

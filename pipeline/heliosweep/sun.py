@@ -2,7 +2,7 @@
 
 Azimuths run clockwise from north, elevations upwards from the horizon, without refraction [deg]. Unit vectors to the
 sun point east, north and up. Positions at civil times have the accuracy of the SPA, but take only 1 % of its computing
-time: pvlib's SPA is called once per day, and splines interpolate between days. From 1950 to 2050, the maximum
+time. The SPA of pvlib is called once per day, and splines interpolate between days. From 1950 to 2050, the maximum
 difference from pvlib's SPA is 0.001 arcsec. One third of this difference is due to rounding of the Julian day in pvlib.
 """
 

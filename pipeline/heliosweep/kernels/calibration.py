@@ -18,9 +18,9 @@ vector from the axis to p. If an observation has the derivatives g_a and g_p wit
 
     g_a.(w x a) + g_p.(w x arm) = w.(a x g_a + arm x g_p).
 
-Spots: the ray R = 2 (s.n) n - s meets the plane at y = Y.(p + l R); then g_p = u = Y - (Y.R / X.R) X and g_a = v = 2 l
-((u.n) s + (s.n) u); the same applies to z. Crossings: `traces` defines F; the error of a position is F / F', where F'
-is the derivative of F along the array.
+Spots: the ray R = 2 (s.n) n - s meets the plane at y = Y.(p + l R). The derivatives are g_p = u = Y - (Y.R / X.R) X and
+g_a = v = 2 l ((u.n) s + (s.n) u); the derivatives of z are analogous. Crossings: `traces` defines F; the error of a
+position is F / F', where F' is the derivative of F along the array.
 
 The covariance is Huber's for M-estimators [2]_, section 7.6, applied to residuals in the plane. With the influence psi
 = rho'(.) r and the eigenvalues a (across r) and b (along r) of its derivative, it is

@@ -6,9 +6,9 @@ about the elevation axis by the elevation h of the sun, then about the azimuth a
 
 There are two models. In `RIGID`, the whole mount leans and the controller does not correct the tilt. In
 `UNTILTED_HOME_AXES`, only the azimuth axis leans, and the home positions of the elevation axis and the focal axis do
-not (Liu, Peng and Yan 2022 [1]_). Both rotations are linear in (1, cos, sin) of their angle: the focal axis minus the
-direction of the sun is the sum over p and q of D[p, q] (1, cos psi, sin psi)[p] (1, cos h, sin h)[q], and D is zero for
-a mount without errors.
+not (Liu, Peng and Yan 2022 [1]_). Both rotations are linear in (1, cos, sin) of their angles. The focal axis minus the
+direction of the sun is therefore the sum over p and q of D[p, q] (1, cos psi, sin psi)[p] (1, cos h, sin h)[q]. D is
+zero for a mount without errors.
 
 References
 ----------
@@ -113,9 +113,9 @@ def window_errors(
         Upper limit of the error in the clipped mean. [rad]
     azimuth_reference, non_orthogonality, collimation : array_like
         Three errors of the mount. [rad] The azimuth reference is an excess rotation about the azimuth axis, clockwise
-        seen from above. The non-orthogonality is the angle of the right-hand end of the elevation axis, seen along the
-        home focal axis, below the plane normal to the azimuth axis. The collimation is the angle of the focal axis from
-        the plane normal to the elevation axis, positive towards the right-hand end of this axis.
+        seen from above. The non-orthogonality is the angle by which the right-hand end of the elevation axis, seen
+        along the home focal axis, is below the plane normal to the azimuth axis. The collimation is the angle of the
+        focal axis from the plane normal to the elevation axis, positive towards the right-hand end of this axis.
 
     Returns
     -------

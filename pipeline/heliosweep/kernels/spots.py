@@ -366,10 +366,10 @@ def canting_cotangent(
 ) -> float:
     """Return the cotangent of the tolerance to an error about an axis in the mirror, with a fixed mirror centre.
 
-    Arguments are unit vectors to the sun, of the mirror normal, and of the axis, which is perpendicular to the normal
-    [1], the mirror centre relative to the aim point [m], and the half sides of the aperture along Y and Z [m]. The
-    tolerance is atan2(1, cotangent), or infinite if the cotangent is -infinity. The spot without error must be real and
-    inside the aperture.
+    Arguments are the unit vector to the sun, the mirror normal, and the axis, which is perpendicular to the normal [1].
+    Further arguments are the mirror centre relative to the aim point [m], and the half sides of the aperture along Y
+    and Z [m]. The tolerance is atan2(1, cotangent), or infinite if the cotangent is -infinity. The spot without error
+    must be real and inside the aperture.
     """
     # Four separate calls, because a loop would not be vectorised.
     one, _ = crossing_cotangent(sun, normal, axis, centre, face, (1.0, 0.0, half_width))

@@ -9,10 +9,11 @@ Heliostats that may shade or block a mirror are selected by a uniform grid, a we
 misses a heliostat that shades or blocks.
 
 Let D = C_j - C_i, R the sum of the bounding radii of mirrors i and j, and d a direction (sun or target). Mirror j
-projects onto mirror i along d only if the line distance |D - (D.d) d| is below R, and, when the bounding spheres
-are disjoint (|D| > R), only if it is in front, D.d > 0: a point C_j + q in front of C_i + p along d means
-t d = D + e, |e| = |q - p| <= R, with t > 0; if D.d <= 0 then e.d >= t - D.d >= |D.d| and, across d, |e| equals the
-line distance, so |e| >= |D|: a contradiction. Both conditions give: the angle between D and d is below asin(R / |D|).
+projects onto mirror i along d only if the line distance |D - (D.d) d| is below R. If the bounding spheres are disjoint
+(|D| > R), mirror j must also be in front, D.d > 0. Proof: if a point C_j + q is in front of C_i + p along d, then t d =
+D + e, |e| = |q - p| <= R, with t > 0. If D.d <= 0, then e.d >= t - D.d >= |D.d| and, across d, |e| equals the line
+distance. This gives |e| >= |D|, a contradiction. Both conditions imply that the angle between D and d is below asin(R /
+|D|).
 """
 
 import math

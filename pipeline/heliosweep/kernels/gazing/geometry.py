@@ -1,9 +1,9 @@
 """Geometry and images of backward gazing: frames, cameras, modules, pixels, and rays traced back to the sun.
 
 Frames follow [1]_. R_F has x south, y east, z up and its origin O' at the target centre. Azimuths in this module are
-measured from south towards east. `basis(a, h)` rotates R_F to a frame whose x axis has azimuth a and elevation h: B_S
-for the sun, B_H for the mirror (x along the ideal normal), and B_R for the direction R0 from the mirror to the target.
-Seen from the target, the mirror's y axis points to the right and its z axis up.
+measured from south towards east. `basis(a, h)` rotates R_F to a frame whose x axis has azimuth a and elevation h. These
+frames are B_S for the sun, B_H for the mirror (x along the ideal normal), and B_R for the direction R0 from the mirror
+to the target. Seen from the target, the mirror's y axis points to the right and its z axis up.
 
 The ideal mirror of the reconstruction is the series expansion of a sphere with the focal length f (Eqs. 1 and 2 with D
 = f). Slopes p = (p_y, p_z) are deviations from the ideal mirror: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2
@@ -26,12 +26,14 @@ the rectangle of a module is given by `Modules`.
 
 The pinhole geometry gives the image position (u, v) of each pixel of the mirror, which is a point of the ideal surface.
 If the corners of the heliostat are marked in the image, a homography maps the predicted corners to the marked corners.
-It corrects the pointing, roll and focal length of the camera, while the geometry accounts for the mirror's sag, which a
-homography of a plane cannot. The brightness at a position is interpolated by the cubic of Keys [2]_ over 4 x 4 pixels.
+The homography corrects the pointing, roll and focal length of the camera. The geometry accounts for the mirror's sag,
+which a homography of a plane cannot describe. The brightness at a position is interpolated by the cubic of Keys [2]_
+over 4 x 4 pixels.
 
-A pixel of the mirror is used if all 16 image pixels lie within the image and on the same module, none is saturated or
-NaN, and all are lit or all are dark, so that neither the sun's limb nor dirt crosses them. Interpolation multiplies
-noise by the root of the sum of squared weights, which is 1 at a pixel and decreases to 0.41 between pixels.
+A pixel of the mirror is used under three conditions. All 16 image pixels lie within the image and on the same module.
+None of them is saturated or NaN. All are lit or all are dark, so that neither the sun's limb nor dirt crosses them.
+Interpolation multiplies noise by the root of the sum of squared weights, which is 1 at a pixel and decreases to 0.41
+between pixels.
 
 References
 ----------
@@ -354,9 +356,9 @@ def mirror_offsets(
 ) -> tuple[float, float, float, float, float, float]:
     """Return the point of the sun's disc that a camera sees in a mirror with the normal N ~ (1, a, b).
 
-    Arguments are a and b, the slopes of the ideal mirror plus p [rad], the unit vector R to a camera in the mirror
-    frame, and rows of the scene. Returns the 2nd and 3rd components v and w of B_S S [1], and their derivatives dv/da,
-    dv/db, dw/da, dw/db by p_y and p_z [1/rad].
+    `a` and `b` are the slopes of the ideal mirror plus p [rad]. `rx`, `ry` and `rz` are the components of the unit
+    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are rows of the scene. Returns the 2nd and 3rd
+    components v and w of B_S S [1], and their derivatives dv/da, dv/db, dw/da, dw/db by p_y and p_z [1/rad].
     """
     scale = 2.0 / (1.0 + a * a + b * b)
     along = rx + a * ry + b * rz

@@ -363,8 +363,8 @@ def solutions(gaze: Floats) -> Floats:
     """Return least-squares solutions for each set of lit cameras.
 
     The cameras are at m_i = `gaze`, shape (K, 2) [rad], with K from 3 to 8. Row s of the result, shape (2^K, 2, K)
-    [1/rad], belongs to the set of cameras i for which bit i of s is 1. It gives d = row . (eps0_i^2 - eps_i^2) for any
-    constant c. The row is 0 for dark cameras and NaN if the set does not determine d.
+    [1/rad], belongs to the set of cameras i for which bit i of s is 1. The deviation is d = row . (eps0_i^2 - eps_i^2)
+    for any constant c. The row is 0 for dark cameras and NaN if the set does not determine d.
     """
     cameras = len(gaze)
     if not 3 <= cameras <= 8:
@@ -385,8 +385,8 @@ def solutions(gaze: Floats) -> Floats:
 def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
     """Return the wavefront slopes w_ideal, shape (2, N) [rad], of the ideal mirror by method A with all cameras.
 
-    `ideal` contains squared angles (K, N) from `look_back` [rad^2]. w_ideal is the effect of aberrations under oblique
-    sun. The slopes w of a mirror with defects are w_ideal plus the deviation d.
+    `ideal` contains squared angles (K, N) from `look_back` [rad^2]. w_ideal is the effect of aberrations at oblique
+    incidence. The slopes w of a mirror with defects are w_ideal plus the deviation d.
     """
     row = solutions(layout.gaze)[-1]
     seen = np.sum(layout.gaze**2, axis=1)[:, np.newaxis] - ideal
@@ -400,8 +400,8 @@ def wavefront_departures(
 
     `images` (K, N) contains brightness relative to the disc centre [1], with NaN for excluded pixels. `ideal` and
     `rows` come from `look_back` and `solutions`. `threshold` is the minimum brightness of a lit camera. Deviations are
-    NaN if fewer than 3 cameras are lit or the lit cameras are in one line. Bit i of a pixel's number is set if camera i
-    is lit.
+    NaN if fewer than 3 cameras are lit or the lit cameras are in one line. The lit cameras of a pixel are stored as an
+    integer, in which bit i is set if camera i is lit.
     """
     lit = images >= threshold  # False for NaN
     masks = np.sum(lit * (1 << np.arange(len(images)))[:, np.newaxis], axis=0)
@@ -466,20 +466,20 @@ def slope_bound(
             gg = np.where(gg > 0.0, gg, np.inf)
             aa, ab, bb = aa - ga * ga / gg, ab - ga * gb / gg, bb - gb * gb / gg
         determinant = aa * bb - ab * ab
-        # smaller determinants are rounding
+        # smaller determinants are rounding errors
         inverse = np.where(determinant > 1e-12 * trace * trace, 1.0 / determinant, np.nan)
         return np.sqrt(np.stack((bb * inverse, aa * inverse)))
 
 
 #: Number of blocks along each side of a module, for correlated errors of neighbouring pixels.
 _BLOCKS = 4
-#: Number of draws for the standard errors of pointing and canting; their own random error is 1.6 %.
+#: Number of draws for the standard errors of pointing and canting, which gives these a random error of 1.6 %.
 _DRAWS = 2000
 
 
 @lru_cache(maxsize=8)
 def _draws(modules: int) -> Floats:
-    """Return standard normal numbers, equal in all calls, shape (draws, 2, 2, modules).
+    """Return standard normal numbers, which are the same in all calls, shape (draws, 2, 2, modules).
 
     The second axis is for level and curvature, and the third for the two directions.
     """
@@ -491,9 +491,9 @@ def _draws(modules: int) -> Floats:
 def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats) -> tuple[Floats, Floats]:
     """Return standard errors of pointing (2,) and canting (2, M), from random draws of the errors of the modules.
 
-    Arguments are the slopes of the modules minus the slopes of the heliostat's own sphere and the pointing [rad],
-    variances and covariance of level and curvature (2, M, 3), the weight of each module in the curvature of the
-    heliostat, and the modules' centres (2, M) [m].
+    `away` (2, M) contains the slopes of the modules minus the slopes of the heliostat's own sphere and the pointing
+    [rad]. `variance` (2, M, 3) contains the variances and the covariance of level and curvature. `weight` is the weight
+    of each module in the curvature of the heliostat. `lever` (2, M) contains the modules' centres [m].
     """
     draws = _draws(away.shape[1])
     spread = np.sqrt(variance[:, :, 0])
@@ -504,7 +504,8 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
         bend = np.sum(weight * (slant * draws[:, 0] + rest * draws[:, 1]), axis=(1, 2))
         moved = level - bend[:, np.newaxis, np.newaxis] * lever
         # The distances already contain scatter. Distances that are explained by errors are removed before the draws.
-        # Modules within 1.3 standard errors of the pointing count as at it: errors are accurate to 10 % for 8 modules.
+        # Modules within 1.3 standard errors of the pointing are moved to it; errors are then accurate to 10 % for 8
+        # modules.
         share = 1.0 - 1.3**2 * np.mean(moved**2, axis=0) / away**2
     pointing = np.median(away * np.where(share > 0.0, share, 0.0) + moved, axis=2)
     off = pointing - pointing.mean(axis=0)
@@ -546,11 +547,12 @@ def module_estimates(
     subtracted from the waviness.
 
     Standard errors follow from the scatter of each module about its plane. If the scatter of neighbouring pixels is
-    correlated, as on a wavy mirror, blocks of one sixteenth of a module count as independent. Errors of pointing and
-    canting are the errors of the median; if the central modules differ strongly, these are the errors of one or two
-    modules. Errors common to a whole module or heliostat, such as an error of the sun profile, are not included.
+    correlated, as on a wavy mirror, blocks of one sixteenth of a module count as independent. The errors of pointing
+    and canting are errors of the median. If the central modules differ strongly, only one or two modules determine this
+    error. Errors common to a whole module or heliostat, such as an error of the sun profile, are not included.
 
-    Returns these values, which are NaN if too few pixels are usable. An axis of length 2 is horizontal and vertical.
+    The function returns the following values, which are NaN if too few pixels are usable. An axis of length 2 contains
+    the horizontal and the vertical component.
 
     - `canting`, (2, M): slopes of each module at its centre, minus the pointing. [rad]
     - `pointing`, (2,): median of the modules' slopes at their centres relative to the heliostat's own sphere. [rad]
@@ -623,12 +625,15 @@ def _principal(
 
 
 def _inflation(shared: Floats) -> Floats:
-    """Return the variance of blocks relative to independent pixels by direction; 1 if the excess is not significant."""
+    """Return, for each direction, the ratio of the block variance to the variance expected for independent pixels.
+
+    The ratio is 1 if the excess is not significant.
+    """
     seen = np.isfinite(shared[0])
     if not np.any(seen):
         return np.ones(2)
     ratio = np.mean(shared[:, seen], axis=1)
-    # A plane fitted to the blocks leaves three fewer parts of their variance.
+    # A fitted plane reduces the degrees of freedom of the blocks by three.
     chance = math.sqrt(2.0 / (np.count_nonzero(seen) * (_BLOCKS * _BLOCKS - 3.0)))
     return np.where(ratio > 1.0 + 2.0 * chance, ratio, 1.0)
 
@@ -649,10 +654,11 @@ def _pooled(values: Floats, variances: Floats) -> tuple[Floats, float, float]:
 def _plane(slopes: Floats, noise: Floats, offset: Floats, size: Floats) -> Floats:
     """Fit planes to the slopes of a module, given their noise and offsets from the module's centre, all (2, n).
 
-    Returns nine quantities for each direction, shape (9, 2), NaN if there are too few pixels. They are the value at the
-    centre; gradients along and across the direction of the slope; from the residuals, the variances of the value and of
-    the gradient along, their covariance, and the variance of the gradient across; the root mean square of the residuals
-    minus known noise; and the squared sums of residuals over blocks, relative to independent pixels.
+    Returns nine quantities for each direction, shape (9, 2), NaN if there are too few pixels. The first three are the
+    value at the centre, and the gradients along and across the direction of the slope. Four quantities follow from the
+    residuals: the variances of the value and of the gradient along, their covariance, and the variance of the gradient
+    across. The last two are the root mean square of the residuals minus known noise, and the squared sums of the
+    residuals over blocks, relative to independent pixels.
     """
     n = offset.shape[1]
     mean = offset.sum(axis=1) / max(n, 1)
