@@ -184,8 +184,8 @@ class Traced(NamedTuple):
     instants, `QUANTITIES`). They have no weights, but are multiplied by `share` (`REFLECTED` and `RECEIVED`) or `area`
     (other quantities).
 
-    Images of the heliostats, if requested, are the number of lit cells of each heliostat, the indices of these cells,
-    and the light on them, ordered by heliostats.
+    If requested, the images of the heliostats are stored as the number of lit cells of each heliostat, the indices of
+    these cells, and the light on them, ordered by heliostat.
     """
 
     sums: Floats
@@ -667,7 +667,7 @@ def trace(
     groups : int
         Number of groups.
     start, stop, first, last : int
-        Ranges of heliostats and instants to trace. Rays depend only on the numbers of heliostat and instant, so sums of
+        Ranges of heliostats and instants to trace. Rays depend only on the indices of heliostat and instant, so sums of
         parts add exactly.
     rays : int
         Number of rays of each heliostat and instant, rounded up to 16, 32 or a power of two times 64.

@@ -58,11 +58,11 @@ a whole deviation curve. Detectors along lines l0 y + l1 z = l2 measure the cros
 
 **Mounts**: mounts aim with the known errors, and the actual errors rotate and move the mirror.
 
-This module also computes statistics of spots over samples of the errors, without storing the spots. They are the mean,
-variances and covariance of the spots on the plane of the receiver, the fractions of samples whose spot reaches the
-plane and lies in the aperture, and percentiles of the remaining tolerance. The remaining tolerance is the angle by
-which the mirror can rotate about its elevation or azimuth axis, with a fixed centre, before the spot leaves the
-aperture.
+This module also computes statistics of spots over samples of the errors, without storing the spots. The statistics are
+the mean, the variances and the covariance of the spots on the plane of the receiver. They also include percentiles of
+the remaining tolerance, and the fractions of samples whose spot reaches the plane and whose spot lies in the aperture.
+The remaining tolerance is the angle by which the mirror can rotate about its elevation or azimuth axis, with a fixed
+centre, before the spot leaves the aperture.
 """
 
 import math

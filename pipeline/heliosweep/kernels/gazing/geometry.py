@@ -16,8 +16,8 @@ Kernels process only pixels on modules, row by row; `maps` arranges their values
 Images of a heliostat are rendered on the grid of its mirror, or in pinhole cameras and then rectified to this grid. The
 true surface differs from the model of the reconstruction. Each module is part of an exact sphere, rotated about its
 centre by its canting. The whole heliostat is rotated about its centre by its pointing, and slopes of waviness are
-added. The image is the brightness of rays traced back from each camera to each pixel of the mirror and on to the sun's
-disc.
+added. The image contains the brightness of rays that are traced back from each camera to each pixel of the mirror and
+on to the sun's disc.
 
 A pinhole camera is at its M_i, looks at the heliostat's centre and is upright, except for its roll angle. Its pixels
 are square. Columns u count to the right and rows v down, and the centre of the first pixel is at (0, 0). Brightness is
@@ -539,7 +539,8 @@ def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, 
     images : ndarray, shape (K, N) or (K, rows, columns)
         Brightness relative to the disc centre. [1]
     noise : float
-        Standard deviation of normal noise, relative to the disc centre. Images without levels may become negative. [1]
+        Standard deviation of normal noise, relative to the disc centre. Without rounding to levels, brightness may
+        become negative. [1]
     bits : int
         Number of bits: there are 2^bits levels from 0 to `FULL_SCALE`. 0 means no rounding.
     seed : int
@@ -771,7 +772,7 @@ def rectify(
     grid : MirrorGrid
         N pixels on modules.
     corners : array_like, shape (K, 4, 2), optional
-        Positions of the corners of `outline` in each image, in the same order; NaN if the geometry of the image is
+        Positions of the corners of `outline` in each image, in the same order; NaN for an image whose geometry is
         exact. [pixels]
     saturation : array_like, shape () or (K,)
         Minimum value of a saturated pixel.

@@ -1,9 +1,9 @@
 """Mirror slopes from images: linear least squares (A), Nelder-Mead (O1, O2) and Levenberg-Marquardt (LM) [1]_.
 
-Method A: the camera at m_i sees the disc at the angle eps_i from its centre, and eps_i^2 = |m_i - w|^2 except for the
-aberrations of the mirror. In the ideal mirror, the camera would see eps0_i at the same pixel. The difference is linear
-in the deviation d = w - w_ideal of the wavefront slopes: eps_i^2 - eps0_i^2 = -2 m_i.d + c. Mirror slopes are p = T d,
-with T from `geometry.transfers`. At least 3 lit cameras are required.
+Method A: the camera at m_i sees a point of the disc at the angle eps_i from the disc's centre, and eps_i^2 = |m_i -
+w|^2 except for the aberrations of the mirror. In the ideal mirror, the camera would see eps0_i at the same pixel. The
+difference is linear in the deviation d = w - w_ideal of the wavefront slopes: eps_i^2 - eps0_i^2 = -2 m_i.d + c. Mirror
+slopes are p = T d, with T from `geometry.transfers`. At least 3 lit cameras are required.
 
 Method O1 minimises the sum over the lit cameras of (g B(|m_i - w|) - I_i)^2 over the wavefront slope w. Methods O2 and
 LM trace the rays back and minimise the sum of (g B(eps_i(p)) - I_i)^2 over the mirror slope p. All three methods start
@@ -21,8 +21,8 @@ centre), is fitted to the slopes of each module. Its value c at the module's cen
 screws would have to correct. The common curvature k = dp/dy = dp/dz of all modules gives their focal length f: k = 1 /
 2 f0 - 1 / 2 f. The pointing of the heliostat is the median over the modules of c - k (module centre), relative to the
 heliostat's own sphere. It is not affected by a deviating focal length or by a few bad modules. Canting is c minus the
-pointing, relative to the ideal heliostat, so modules on a sphere of another focal length are canted as well. A single
-slope cannot separate canting and pointing.
+pointing, relative to the ideal heliostat. Modules on a sphere of another focal length therefore have a canting as well.
+A single slope cannot separate canting and pointing.
 
 The gradients of both slopes of a module give its curvature, the symmetric matrix C = I / 2 f0 - K. The diagonal of K
 contains dp_y/dy and dp_z/dz. The off-diagonal element is the mean of dp_y/dz and dp_z/dy, which are equal on any smooth
