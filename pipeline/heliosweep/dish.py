@@ -203,7 +203,8 @@ def dish_intercept(
     The angle between a deviation and the meridian of a mirror point is uniformly distributed, because the dish and the
     light are symmetric. The deviation is Gaussian about the tracking error, so its magnitude has a Rice distribution.
     Each mirror point has a maximum deviation at which its light still passes. The result is the mean of the
-    distribution function at these maxima. It is accurate to 1e-5 for rim angles up to 80 deg, and to 1e-4 for others.
+    distribution function at these maxima. It is accurate to 1e-5 for rim angles up to 80 deg, and to 1e-4 for larger
+    rim angles.
 
     Examples
     --------

@@ -36,7 +36,7 @@ ARC = (1.0, 1 / 24, 3 / 640, 5 / 7168, 35 / 294912, 63 / 2883584, 231 / 54525952
 
 
 class Windows(NamedTuple):
-    """Sun positions at all instants of positive weight, grouped by window; made by `pack_windows`.
+    """Sun positions at all instants of positive weight, grouped by window; created by `pack_windows`.
 
     Attributes
     ----------

@@ -88,7 +88,7 @@ class Facets(NamedTuple):
 
 
 class Receiver(NamedTuple):
-    """A rectangular or cylindrical receiver, made by `rectangle` or `cylinder`.
+    """A rectangular or cylindrical receiver, created by `rectangle` or `cylinder`.
 
     The centre has the components east, north, up [m]. A rectangle has unit vectors along width and height, and its face
     is on the side of their vector product. The sizes are half the width, or the radius, and half the height. [m]

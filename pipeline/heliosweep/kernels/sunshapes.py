@@ -33,7 +33,7 @@ _NODES = 96
 
 
 class SunShape(NamedTuple):
-    """Light of the sun by angle; made by `pillbox`, `gaussian`, `limb_darkened`, `jose`, `buie` or `table`."""
+    """Light of the sun by angle; created by `pillbox`, `gaussian`, `limb_darkened`, `jose`, `buie` or `table`."""
 
     #: Angular radii of the rings. [rad]
     radius: Floats

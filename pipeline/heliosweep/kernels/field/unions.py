@@ -347,7 +347,7 @@ def project_tower(
 
 @inner
 def _project_along_u(images, o, views, frames, f, directions, way, apart, start, stop):
-    """Write the x of an image in a run of lanes; return the lanes in which the image overlaps the square along u."""
+    """Write the x coordinates of an image in a run of lanes; return lanes in which it overlaps the square along u."""
     hits, nearest = np.int64(0), 0.0 if apart else -np.inf
     for k in range(start, stop):
         u = load(views, 0, k)

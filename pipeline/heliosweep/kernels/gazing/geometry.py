@@ -60,7 +60,7 @@ _SLACK = 1e-9
 
 
 class Scene(NamedTuple):
-    """Sun, mirror, target and K cameras; made by `scene`.
+    """Sun, mirror, target and K cameras; created by `scene`.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class Modules(NamedTuple):
 
 
 class MirrorGrid(NamedTuple):
-    """Square pixels over the modules; made by `mirror_grid`.
+    """Square pixels over the modules; created by `mirror_grid`.
 
     Attributes
     ----------
@@ -394,7 +394,7 @@ OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 64, 8, 16, 32, 4
 
 
 class Pinholes(NamedTuple):
-    """K pinhole cameras; made by `pinholes`.
+    """K pinhole cameras; created by `pinholes`.
 
     Attributes
     ----------
@@ -415,7 +415,7 @@ class Pinholes(NamedTuple):
 
 
 class Heliostat(NamedTuple):
-    """The true surface of M modules; made by `heliostat`.
+    """The true surface of M modules; created by `heliostat`.
 
     Attributes
     ----------
