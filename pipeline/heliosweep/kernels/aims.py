@@ -76,7 +76,7 @@ def brightest(images, limit):
 
 @kernel
 def choose(order, power, images, limit, penalty, share, load, choice):
-    """Choose an aim for one heliostat after another by the power minus `penalty` times the added overload.
+    """Choose an aim for each heliostat in turn, by the power minus `penalty` times the added overload.
 
     An overload is the flux in a cell above its limit, divided by the limit. Initially, `load` is the flux for the
     shares of the aims. At the end, it is the flux of the choice, in which each chosen aim has the share 1. Returns True

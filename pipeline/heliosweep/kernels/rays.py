@@ -152,7 +152,7 @@ class Scene(NamedTuple):
         Fixed pointing errors: the normal is n + turn_u u + turn_v v. [rad]
     tracking : int
         `packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`.
-    mounts : ndarray, shape (N, 6), or (0, 6) without
+    mounts : ndarray, shape (N, 6), or (0, 6) without errors
         Errors of the mounts, in the order of `mounts.ERRORS`. [rad]
     tower : (float, float) or None
         Radius and top of an upright cylinder at x = y = 0 that shades the mirrors. [m]

@@ -476,7 +476,7 @@ def _value_and_slope(series, c, s):
 
 @inline
 def first_crossing(series, lines, side: float, limit: float) -> float:
-    """Return the minimum |error| of the sign `side` at which the spot is real and on one of the lines. [rad]
+    """Return the minimum |error| with the sign `side` at which the spot is real and on one of the lines. [rad]
 
     Arguments are the `spot_series` and the `line_series` of one or more lines. If there is more than one line (edges of
     an aperture), the spot without error must be on the side of all lines where g > 0, and no virtual crossing may

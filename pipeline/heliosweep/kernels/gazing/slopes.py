@@ -330,8 +330,8 @@ def _sort_vertices(simplex):
 def _levenberg_marquardt(task, ideal_a, ideal_b, n, enough, limit, fit):
     """Improve the slopes of pixel n for one profile; return the number of evaluations and the flags.
 
-    The normal matrix is damped by a fraction of its mean diagonal, and by zero as long as all steps succeed. The search
-    ends after a step of at most `enough` [rad].
+    The normal matrix is damped by a fraction of its mean diagonal. The damping is zero as long as all steps succeed.
+    The search ends after a step of at most `enough` [rad].
     """
     a, b, damping, step, tries, outside = ideal_a + fit[0, n], ideal_b + fit[1, n], 0.0, math.inf, 0, False
     best, best_a, best_b, best_gain, normal = math.inf, a, b, 1.0, (0.0, 0.0, 0.0, 0.0, 0.0)
