@@ -1,4 +1,4 @@
-"""The parameter grid: each key of a study as a labelled array over the whole grid or a part."""
+"""Parameter grid: each key of a study as a labelled array over the full grid or a region."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from heliosweep.config import SAMPLE, Drawn, FileName, NamedSite, Parameter, Stu
 from heliosweep.errors import Problem, StudyError
 from heliosweep.lazy import xr
 
-#: CF (UDUNITS) spelling of units that is different in study files, by unit or standard name.
+#: CF (UDUNITS) spelling of units that study files spell differently, by unit or standard name.
 CF_UNITS = {"deg": "degree", "latitude": "degrees_north", "longitude": "degrees_east"}
 
 
 class Parameters:
-    """Values of each key of a study over a region of its result; dimensions that `select` omits are complete.
+    """Values of each key of a study over a region of its result. Dimensions omitted from `select` are complete.
 
     `sizes` contains the length of each swept dimension within the region, in the order of the result.
     """
@@ -35,23 +35,23 @@ class Parameters:
 
     @property
     def site_dims(self) -> tuple[str, ...]:
-        """Swept dimensions that affect the site or the direction of the sun."""
+        """Swept dimensions that affect the site or the sun direction."""
         swept = {dim for key, dim in self._dims.items() if key.startswith(("site.", "time.", "weather.file"))}
         return tuple(dim for dim in self.sizes if dim in swept or dim == "site")
 
     def part(self, dim: str) -> slice:
-        """Return the slice of a dimension within the region."""
+        """Return the slice of a dimension that is in the region."""
         return self._select.get(dim, slice(None))
 
     def has(self, key: str) -> bool:
-        """Return True if this key has a value in the study."""
+        """Return True if the study has a value for this key."""
         if key in self._declared:
             return True
         block, _, name = key.partition(".")
         return block == "site" and any(getattr(site, name) is not None for site in self._sites)
 
     def parameter(self, key: str) -> xr.DataArray:
-        """Return the values of one key, without dimensions if it is fixed, or along its dimension if it is swept.
+        """Return the values of one key: a scalar array if the key is fixed, or an array along its dimension if swept.
 
         Parameters
         ----------
@@ -75,14 +75,14 @@ class Parameters:
         return xr.DataArray(values, dims=dims or None, attrs=coordinate_attributes(declaration, key))
 
     def column(self, key: str) -> tuple[tuple[str, ...], Any]:
-        """Return the dimension of a key (if swept) and its values; keys of sites are along ``site``.
+        """Return the dimension of a key (if swept) and its values. Raises KeyError.
 
-        Raises KeyError.
+        If the study has several sites, the keys of a site are along ``site``.
         """
         if key in self._dims:
             values = self._declared[key][1][self.part(self._dims[key])]
             if isinstance(self._declared[key][0], FileName):
-                values = tuple(PurePath(name).name for name in values)  # results contain no folders
+                values = tuple(PurePath(name).name for name in values)  # results omit folder names
             return (self._dims[key],), np.array(values, dtype=object if isinstance(values, tuple) else float)
         if key in self._declared:
             return (), self._declared[key][1]
@@ -93,7 +93,7 @@ class Parameters:
         return ("site",), np.array([np.nan if value is None else value for value in given])
 
     def values(self, key: str) -> np.ndarray | None:
-        """Return the values of one key over all swept dimensions of the region, or None without a value."""
+        """Return the values of one key over all swept dimensions of the region, or None if it has no value."""
         if not self.has(key):
             return None
         dims, values = self.column(key)
@@ -101,10 +101,10 @@ class Parameters:
         return np.broadcast_to(np.asarray(values)[(*index, ...)], tuple(self.sizes.values()))
 
     def points(self, *keys: str) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...]]]:
-        """Yield each point of the region in the order of the result: its index in the region, and the values of keys.
+        """Yield the index and the key values of each point in the region, in the order of the result.
 
-        Values are None for keys without a value, and for keys of sites and of the sun that a family does not have.
-        Raises StudyError for a key that the model of the study does not declare.
+        The index is relative to the region. Values are None for keys without a value, and for site and sun keys that
+        the family does not have. Raises StudyError if the study model does not declare a key.
         """
         for key in keys:
             if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):
@@ -114,17 +114,17 @@ class Parameters:
             yield index, tuple(None if column is None else column[index] for column in columns)
 
     def position(self, index: tuple[int, ...]) -> dict[str, int]:
-        """Return the index of a point in the whole result, by swept dimension."""
+        """Return the index of a point in the full result, by swept dimension."""
         return {dim: (self.part(dim).start or 0) + at for dim, at in zip(self.sizes, index, strict=True)}
 
     def timezones(self) -> list[str]:
-        """Return the time zone of each site in the region; the zone of the block ``time`` has priority."""
+        """Return the time zone of each site in the region. A time zone in the block ``time`` has priority."""
         shared: str | None = getattr(self.study, "time").timezone  # noqa: B009
         sites = self._sites[self.part("site")] or (getattr(self.study, "site"),)  # noqa: B009
         return [shared or site.timezone or "+00:00" for site in sites]
 
     def coordinates(self, keys: Sequence[str] = ()) -> dict[str, xr.DataArray]:
-        """Return coordinates for all swept keys, and for those of the given keys that have a value.
+        """Return coordinates for all swept keys, and for each key in `keys` that has a value.
 
         Keys that are not swept become scalar coordinates.
         """
@@ -147,7 +147,7 @@ class Parameters:
 
 
 def coordinate_name(declaration: Parameter, key: str) -> str:
-    """Return the name of a key as a dimension or coordinate: its last part, or the declared name."""
+    """Return the name that a key has as a dimension or coordinate: the declared name, otherwise its last part."""
     return declaration.dimension or key.rpartition(".")[2]
 
 
@@ -160,7 +160,7 @@ def coordinate_attributes(declaration: Parameter, key: str) -> dict[str, Any]:
     if declaration.standard_name:
         attrs["standard_name"] = declaration.standard_name
     else:
-        # The comment includes the meaning of names; numbers have an attribute for their unit.
+        # The comment explains named values. For numbers it omits the unit, which is a separate attribute.
         meaning = declaration.description if unit else declaration.purpose
         if meaning.casefold() != attrs["long_name"].casefold():
             attrs["comment"] = meaning if meaning[:2].isupper() else meaning[:1].lower() + meaning[1:]

@@ -1,4 +1,4 @@
-"""Plan of a study, with an error if it does not fit; regions of its result, and the result as a lazy data set."""
+"""Plan a study, raise an error if it does not fit on the machine, and build its result as a lazy data set."""
 
 from __future__ import annotations
 
@@ -38,23 +38,21 @@ from heliosweep.grid.regions import (
 )
 from heliosweep.lazy import xr
 
-#: Memory of a process with loaded libraries, additional memory of each worker process, and additional memory of the
-#: report. [bytes]
+#: Memory of a process with loaded libraries, and additional memory for each worker process and for the report. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY, REPORT_MEMORY = 296 * 2**20, 100 * 2**20, 144 * 2**20
 #: Size of a NetCDF file without data. [bytes]
 EMPTY_FILE = 56 * 2**10
-#: Maximum size of the values of a block, by kind. [bytes]
+#: Maximum size of the values in a block, by kind. [bytes]
 BLOCK_BYTES = {"points": 16 * 2**20, "series": 32 * 2**20}
-#: Minimum and maximum number of evaluations of one chunk. A killed run loses only the chunks that are being computed.
+#: Minimum and maximum number of evaluations in a chunk. A killed run loses only the chunks being computed.
 MIN_EVALUATIONS, MAX_EVALUATIONS = 20_000, 1_000_000
-#: Target number of chunks, so that all workers end at nearly the same time, and maximum number of chunks.
+#: Target number of chunks, chosen so that all workers end at nearly the same time, and maximum number of chunks.
 WANTED_CHUNKS, MAX_CHUNKS = 64, 10_000
-#: Number of copies of a block in memory while it is written: chunks, joined values, finished variables and written
-#: values.
+#: Number of copies of a block in memory during writing: chunks, joined values, finished variables and written values.
 BLOCK_COPIES = 4
-#: Maximum size of values that are finished together if they are not in the result. [bytes]
+#: Maximum size of values that are finished together but not stored in the result. [bytes]
 PASS_BYTES = 16 * 2**20
-#: Location of the workers: this process, processes of this machine, or machines with their own memory.
+#: Location of the workers: in this process, in processes on this machine, or on machines with separate memory.
 Where: TypeAlias = Literal["here", "processes", "elsewhere"]
 
 
@@ -67,19 +65,19 @@ class Workload:
     parameters : mapping of str to int
         Lengths of the swept dimensions, in the order of the result.
     inner : mapping of str to int
-        Lengths of the other dimensions, such as ``heliostat`` and ``time``.
+        Lengths of the dimensions that are not swept, such as ``heliostat`` and ``time``.
     evaluations : int
-        Number of kernel evaluations of one parameter point.
+        Number of kernel evaluations for one parameter point.
     unit : str
         Unit of one evaluation, such as ``heliostat-instants``.
     working_bytes : callable
-        Function of the number of points and the length along `splittable` of a chunk that returns its working
-        memory. [bytes]
+        Function that returns the working memory of a chunk for its number of points and its length along `splittable`.
+        [bytes]
     splittable : str
         Inner dimension along which one parameter point may be split; empty if there is none.
     whole : tuple of str
-        Swept dimensions over which `Family.finish` computes statistics. They are not divided into blocks, and are the
-        last to be divided into chunks.
+        Swept dimensions over which `Family.finish` computes statistics. They are not divided into blocks, and are
+        divided into chunks last.
     uncut : tuple of str
         Dimensions that are not divided into chunks.
     coordinate_bytes : int
@@ -87,7 +85,7 @@ class Workload:
     axes : mapping of str to int
         Lengths of dimensions that are evaluated but not stored, for messages.
     fixed_bytes : int
-        Memory of the family for any study. [bytes]
+        Memory that the family needs regardless of the chunks. [bytes]
     """
 
     parameters: Mapping[str, int]
@@ -130,7 +128,7 @@ class Plan:
     peak_memory, output_bytes : int
         Estimates. [bytes]
     seconds : float, optional
-        Time of the computation, extrapolated from a small region, or None if not measured. [s]
+        Computing time extrapolated from a small region, or None if it was not measured. [s]
     """
 
     workload: Workload
@@ -145,7 +143,7 @@ class Plan:
         return "\n".join(["Plan", *(f"  {name:11}  {value}" for name, value in self.in_words().items())])
 
     def in_words(self) -> dict[str, str]:
-        """Return texts of the size and cost of the study, by name of the quantity."""
+        """Return text descriptions of the size and cost of the study, by name of the quantity."""
         work, seconds = self.workload, self.seconds
         time = "unknown before chunks are computed" if seconds is None else f"about {human_seconds(max(seconds, 0.1))}"
         return {
@@ -177,7 +175,7 @@ def make_plan(
     *,
     where: Where = "here",
 ) -> Plan:
-    """Choose blocks and chunks of a study and estimate its cost.
+    """Choose the blocks and chunks of a study and estimate its cost.
 
     Parameters
     ----------
@@ -186,18 +184,18 @@ def make_plan(
     variables : mapping of str to Variable
         Variables of the result.
     limits : Limits
-        Workers, memory and disk.
+        Limits on workers, memory and disk space.
     chunks : mapping of str to int, optional
-        Lengths of chunks set by the user.
+        Chunk lengths set by the user.
     where : {"here", "processes", "elsewhere"}
         Location of the workers.
 
     Raises
     ------
     StudyError
-        If `chunks` has an unknown dimension.
+        If `chunks` contains an unknown dimension.
     PlanError
-        If the result does not fit on the disk, or the computation does not fit in memory. The message contains the
+        If the result does not fit on the disk, or if the computation does not fit in memory. The message names the
         dimension to reduce.
     """
     asked, sizes = dict(chunks or {}), workload.sizes
@@ -212,7 +210,7 @@ def make_plan(
     asked |= {dim: sizes[dim] for dim in workload.uncut if dim in sizes}
     stored = bytes_of(in_result(variables), sizes)
     output_bytes, passing = stored + workload.coordinate_bytes + EMPTY_FILE, bytes_of(variables, sizes) - stored
-    if (disk := 2 * output_bytes + passing) > limits.disk:  # the chunks remain until the result is written
+    if (disk := 2 * output_bytes + passing) > limits.disk:  # chunks are kept until the result is written
         raise PlanError(_refusal(workload, "the result and its chunks", disk, limits.disk, "of free disk"))
     axes = 64 * sum(workload.parameters.values()) + 3 * workload.coordinate_bytes
     fixed = BASE_MEMORY + workload.fixed_bytes + axes
@@ -240,7 +238,7 @@ def _cut(
     free: int,
     where: Where,
 ) -> Cut:
-    """Choose blocks of bounded size, and chunks of bounded evaluations that fit in the free memory."""
+    """Choose blocks of limited size, and chunks that fit in the free memory with a limited number of evaluations."""
     split, parameters = workload.splittable, workload.parameters
     whole = [dim for dim in parameters if dim in workload.whole]
     swept = [(dim, 1) for dim in parameters if dim not in whole]
@@ -248,10 +246,10 @@ def _cut(
     if kind == "series":
         sizes["time"] = workload.inner["time"]
         if split and not all(split in one.dims for one in of_kind(variables, kind).values()):
-            split = ""  # variables are sums over this dimension
+            split = ""  # some variables are sums over this dimension
     if split:
         sizes[split] = workload.inner[split]
-    # In a large field, 512 instants have similar directions of the sun.
+    # In a large field, a block of 512 instants has similar sun directions.
     inner = [("time", 512), *([(split, 1)] if split else []), ("time", 1)] if kind == "series" else []
     stored = in_result(variables)
     block = shortened(
@@ -260,7 +258,7 @@ def _cut(
     total = workload.points * workload.evaluations
     target = max(MIN_EVALUATIONS, min(MAX_EVALUATIONS, total // WANTED_CHUNKS), 4 * total // MAX_CHUNKS)
     cells = math.prod(sizes.values())
-    order = [*swept, *((dim, 1) for dim in whole), *([(split, 32)] if split else [])]  # kernels reuse preparations
+    order = [*swept, *((dim, 1) for dim in whole), *([(split, 32)] if split else [])]  # kernels reuse prepared data
     order = [(dim, least) for dim, least in [*order, *inner[-1:]] if dim not in asked]
     chunk = {dim: min(asked.get(dim, length), length) for dim, length in block.items()}
     chunk = shortened(chunk, order, lambda part: total * math.prod(part.values()) <= target * cells)
@@ -271,7 +269,7 @@ def _cut(
 
 
 def _held(workload: Workload, variables: Mapping[str, Variable], cut: Cut, workers: int, where: Where) -> int:
-    """Return the memory of the chunks being computed, and of the block being written. [bytes]"""
+    """Return the memory needed for the chunks being computed and the block being written. [bytes]"""
     block, chunk = ({**workload.inner, **lengths} for lengths in (cut.block, cut.chunk))
     stored, values = in_result(variables), bytes_of(variables, chunk)
     written = BLOCK_COPIES * bytes_of(stored, block) + 3 * PASS_BYTES * (len(stored) < len(variables))
@@ -299,13 +297,13 @@ def _refusal(workload: Workload, what: str, need: int, have: int, kind: str) -> 
     )
 
 
-#: Control groups of Linux, and the control group of this process.
+#: Folder of the Linux control groups, and file with the control group of this process.
 _CGROUPS, _OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the machine and of the study's ``execution`` block: workers, memory and disk. [1, bytes, bytes]"""
+    """Limits set by the machine and the study's ``execution`` block: workers, memory and disk. [1, bytes, bytes]"""
 
     workers: int
     memory: int
@@ -313,16 +311,16 @@ class Limits:
 
 
 def machine_limits(workers: int | None, memory: int | None, folder: str | os.PathLike[str]) -> Limits:
-    """Return the limits of this machine or of the study.
+    """Return the limits on workers, memory and disk. Arguments that are not given are taken from this machine.
 
     Parameters
     ----------
     workers : int, optional
         Number of workers (default: all processors available to this process).
     memory : int, optional
-        Memory (default: 80 % of the available memory, within the control groups of this process). [bytes]
+        Memory limit (default: 80 % of the memory available within the control groups of this process). [bytes]
     folder : path
-        Result folder. Free disk space is measured at its nearest existing parent folder.
+        Result folder. Free disk space is measured at the nearest existing parent folder.
     """
     available = min([psutil.virtual_memory().available, *_group_memory()])
     disk = _free_disk(Path(folder).absolute())
@@ -358,25 +356,25 @@ def human_seconds(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-#: Maximum time of the process, with its imports. [s]
+#: Maximum time of the trial process, including imports. [s]
 TIMEOUT = 10.0
 
 
 def trial_seconds(work: Work, plan: Plan) -> float | None:
-    """Return the estimated computing time of a plan on its workers, without reading and writing.
+    """Return the estimated computing time of a plan on its workers, excluding reading and writing.
 
     Parameters
     ----------
     work : Work
-        Study with its inputs.
+        Study with all data needed to compute it.
     plan : Plan
-        Its plan.
+        Plan of the study.
 
     Returns
     -------
     float or None
-        Extrapolated time [s], or None if the trial fails or takes too long, for instance because the kernels are not
-        compiled yet.
+        Extrapolated time [s], or None if the trial fails or takes too long, for instance because the kernels must first
+        be compiled.
     """
     try:
         sent = pickle.dumps((work, plan.cuts))
@@ -388,13 +386,13 @@ def trial_seconds(work: Work, plan: Plan) -> float | None:
 
 
 def _measure() -> None:
-    """Print the time of the work from standard input, extrapolated from increasing parts of a chunk. [s]"""
+    """Read work from standard input and print its time, extrapolated from increasing parts of a chunk. [s]"""
     work, cuts = pickle.load(sys.stdin.buffer)
     work.family.prepare(work.study)
     total = 0.0
     for kind, cut in cuts.items():
         cells = math.prod(cut.chunk.values())
-        for share in (512, 256, 32, 4, 1):  # the first part is for warming up
+        for share in (512, 256, 32, 4, 1):  # the first part is a warm-up
             few: Any = lambda lengths, most=cells // share: math.prod(lengths.values()) <= most  # noqa: E731
             lengths = shortened(cut.chunk, [(dim, 1) for dim in cut.chunk], few)
             starts = {dim: (cut.sizes[dim] - length) // 3 for dim, length in lengths.items()}
@@ -402,7 +400,7 @@ def _measure() -> None:
             began = time.perf_counter()
             work.compute(Piece("trial", kind, region))
             seconds = time.perf_counter() - began
-            if seconds > 0.25 and share < 512:  # otherwise the next part, with eight times the cells, is short enough
+            if seconds > 0.25 and share < 512:  # otherwise the next part, with about 8 times the cells, is timed
                 break
         total += cut.chunk_count * seconds * cells / math.prod(lengths.values())
     print(total)
@@ -415,7 +413,7 @@ Chunks: TypeAlias = Iterable[tuple[Piece, Mapping[str, np.ndarray]]]
 
 
 class Work:
-    """Study with all data needed to compute a region of its result; sent to each worker once.
+    """Study with all data needed to compute any region of its result. It is sent to each worker once.
 
     Parameters
     ----------
@@ -435,7 +433,7 @@ class Work:
         self.inputs = family.inputs(study)
 
     def compute(self, chunk: Piece) -> dict[str, np.ndarray]:
-        """Return the values of the variables of a chunk, by name."""
+        """Return the values of a chunk by variable name."""
         made = self.family.compute(self.study, self.inputs, chunk.region)
         return checked(made, of_kind(self.variables, chunk.kind), chunk.region, self.sizes)
 
@@ -447,8 +445,8 @@ class Work:
         block : Piece
             The block.
         chunks : callable
-            Function that returns the chunks with the values of named variables. It is called once for the variables of
-            the result, and once for each group of passing variables.
+            Function that returns the chunks with the values of the named variables. It is called once for the variables
+            of the result, and once for each group of passing variables.
         """
         own = {name: one for name, one in self.variables.items() if one.kind == block.kind}
         later = {name: one for name, one in own.items() if one.finished}
@@ -472,7 +470,7 @@ class Work:
         return xr.Dataset({name: (one.dims, made[name]) for name, one in in_result(own).items()})
 
     def _groups(self, computed: Mapping[str, Variable], block: Piece) -> Iterator[tuple[list[str], Region]]:
-        """Yield variables that are finished together, and their region.
+        """Yield the names and region of variables that are finished together.
 
         Each passing variable is finished separately. A large variable is divided along its longest inner dimension.
         """
@@ -497,7 +495,7 @@ class Work:
 
 
 def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
-    """Return the result of a study as a lazy data set; chunks have one parameter point, or several small points."""
+    """Return the result of a study as a lazy data set. Chunks contain one parameter point or several small ones."""
     lazy = [_mapped(work, kind, cut, plan) for kind, cut in plan.cuts.items()]
     return xr.merge(lazy)[list(in_result(work.variables))].assign_coords(coordinates.coords)
 
@@ -516,7 +514,7 @@ def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
     for name, one in in_result(work.variables).items():
         if one.kind == kind:
             lengths = [1, *(chunks.get(dim, sizes[dim]) for dim in one.dims)]
-            # With a name dask does not compute one from the arguments, which takes longer than all else here.
+            # Without a name, dask computes one from the arguments, which takes most of the time of this function.
             zeros = da.zeros((1, *shape_of(one, {}, sizes)), dtype=one.dtype, chunks=lengths, name=f"template-{name}")
             template[name] = ((_POINT, *one.dims), zeros, dict(one.attrs))
     arguments = {"work": work, "kind": kind}
@@ -524,7 +522,7 @@ def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
     return mapped.isel({_POINT: 0})
 
 
-#: Dimension of length 1 of the chunks, for studies without swept dimensions.
+#: Additional dimension of length 1, for studies without swept dimensions.
 _POINT = "point"
 
 

@@ -1,4 +1,4 @@
-"""Variables of a result, regions of its dimensions, blocks (units of writing) and chunks (units of computing)."""
+"""Variables and regions of a result. A block is written as one unit, and a chunk is computed as one unit."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import numpy as np
 
 from heliosweep.lazy import xr
 
-#: Slices with start and stop by dimension; other dimensions are complete.
+#: Slice (with start and stop) of each dimension. Dimensions that are not listed are complete.
 Region: TypeAlias = Mapping[str, slice]
 
-#: Attribute of variables whose best value is the maximum or minimum, and its values.
+#: Attribute that specifies if a variable's best value is its maximum or minimum, and the values of this attribute.
 BEST_VALUE, LARGEST, SMALLEST = "best_value", "largest", "smallest"
 
 
 @dataclass(frozen=True)
 class Variable:
-    """Declaration of a variable of a result.
+    """Declaration of a result variable.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ class Variable:
     passing : bool
         True if the variable is needed only for finished variables and is not in the result.
     without : tuple of str
-        Swept dimensions along which a declared variable does not vary.
+        Swept dimensions along which the variable does not vary.
     missing : object
-        Value if the function of a family does not return the variable (default: NaN, NaT or 0).
+        Value used if the family's function does not return the variable (default: NaN, NaT or 0).
     """
 
     dims: tuple[str, ...]
@@ -67,7 +67,7 @@ def quantity(
     missing: Any = None,
     **more: Any,
 ) -> Variable:
-    """Declare a variable of numbers; `more` contains further attributes."""
+    """Declare a numeric variable; `more` contains additional attributes."""
     attrs = {"units": units, "long_name": long_name, **({"comment": comment} if comment else {}), **more}
     return Variable(dims, attrs, np.dtype(dtype), finished, without=without, missing=missing)
 
@@ -75,7 +75,7 @@ def quantity(
 def flags(
     dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "", kind: str = "flag_values"
 ) -> Variable:
-    """Declare a variable of codes and their meanings. If `kind` is ``flag_masks``, values are sums of codes."""
+    """Declare a variable that contains codes with meanings. If `kind` is ``flag_masks``, values are sums of codes."""
     attrs: dict[str, Any] = {
         kind: np.array(list(meanings), np.int8),
         "flag_meanings": " ".join(meanings.values()),
@@ -86,9 +86,9 @@ def flags(
 def pair(
     name: str, words: Mapping[str, str], dims: tuple[str, ...], units: str, long_name: str, comment: str = ""
 ) -> dict[str, Variable]:
-    """Declare a variable for each axis.
+    """Declare one variable for each axis in `words`.
 
-    ``%`` is replaced by a key of `words` in names, and by its text in long names.
+    In variable names, ``%`` is replaced by the key in `words`. In long names, it is replaced by the text of this key.
     """
     return {
         name.replace("%", axis): quantity(dims, units, long_name.replace("%", word), comment)
@@ -99,7 +99,7 @@ def pair(
 def with_best(
     variables: Mapping[str, Variable], largest: Iterable[str], smallest: Iterable[str] = ()
 ) -> dict[str, Variable]:
-    """Return the variables with the attribute `BEST_VALUE` set for names in `largest` and `smallest`."""
+    """Return the variables, and set the attribute `BEST_VALUE` of each variable in `largest` or `smallest`."""
     best = dict.fromkeys(largest, LARGEST) | dict.fromkeys(smallest, SMALLEST)
     return {
         name: replace(one, attrs={**one.attrs, BEST_VALUE: best[name]}) if name in best else one
@@ -108,7 +108,7 @@ def with_best(
 
 
 def of_kind(variables: Mapping[str, Variable], kind: str) -> dict[str, Variable]:
-    """Return the variables of one kind that `Family.compute` computes."""
+    """Return the variables of one kind that are computed by `Family.compute`."""
     return {name: one for name, one in variables.items() if one.kind == kind and not one.finished}
 
 
@@ -123,12 +123,12 @@ def bytes_of(variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> int
 
 
 def shape_of(variable: Variable, region: Region, sizes: Mapping[str, int]) -> tuple[int, ...]:
-    """Return the shape of a variable over a region of a result with these dimensions."""
+    """Return the shape of a variable over a region of a result with dimension lengths `sizes`."""
     return tuple(len(range(sizes[dim])[region.get(dim, slice(None))]) for dim in variable.dims)
 
 
 def index_of(dims: tuple[str, ...], region: Region, within: Region | None = None) -> tuple[slice, ...]:
-    """Return the index of a region in an array over `dims`, which covers the whole result or the region `within`."""
+    """Return the index of a region in an array over `dims` that covers the full result or the region `within`."""
     index = []
     for dim in dims:
         span = region.get(dim, slice(None))
@@ -140,21 +140,23 @@ def index_of(dims: tuple[str, ...], region: Region, within: Region | None = None
 def checked(
     made: xr.Dataset, variables: Mapping[str, Variable], region: Region, sizes: Mapping[str, int]
 ) -> dict[str, np.ndarray]:
-    """Return the arrays of a region in declared order.
+    """Check computed values and return the arrays of a region in declared order.
 
     Parameters
     ----------
     made : xarray.Dataset
-        Result of `Family.compute` or `Family.finish`.
+        Values returned by `Family.compute` or `Family.finish`.
     variables : mapping of str to Variable
         Required variables.
-    region : Region Region of the arrays. sizes : mapping of str to int
-        Dimensions of the whole result.
+    region : Region
+        Region of the arrays.
+    sizes : mapping of str to int
+        Dimensions of the full result.
 
     Raises
     ------
     ValueError
-        If a variable is missing, or has another shape or type.
+        If a variable is missing or has a wrong shape or type.
     """
     arrays = {}
     for name, variable in variables.items():
@@ -170,24 +172,24 @@ def checked(
 class Piece(NamedTuple):
     """Block or chunk of a result."""
 
-    #: Kind and number, such as ``points-00012``.
+    #: Name made of kind and number, such as ``points-00012``.
     name: str
-    #: ``points`` without ``time``, ``series`` with ``time``.
+    #: ``series`` for variables with the dimension ``time``, otherwise ``points``.
     kind: str
-    #: Slices of the divided dimensions.
+    #: Slice of each divided dimension.
     region: dict[str, slice]
 
 
 @dataclass(frozen=True)
 class Cut:
-    """Lengths of the blocks and chunks of the variables of one kind.
+    """Lengths of blocks and chunks for the variables of one kind.
 
-    Blocks, and therefore the bytes of a result, depend only on the study. Each chunk is within one block.
+    Blocks depend only on the study, and therefore so do the bytes of a result. Each chunk is within one block.
 
     Parameters
     ----------
     sizes, block, chunk : mapping of str to int
-        Lengths of the divided dimensions, and lengths of a block and of a chunk along each of these.
+        Lengths of the divided dimensions, and the length of a block and of a chunk along each of them.
     """
 
     sizes: Mapping[str, int]
@@ -232,7 +234,7 @@ def _named(kind: str, pieces: Iterable[dict[str, slice]], first: int = 0) -> Ite
 
 
 def regions(region: Region, lengths: Mapping[str, int]) -> Iterator[dict[str, slice]]:
-    """Divide a region into pieces of at most these lengths; the last dimension varies fastest."""
+    """Divide a region into pieces with at most the given lengths; the last dimension varies fastest."""
     spans = (
         [slice(first, min(first + lengths[dim], span.stop)) for first in range(span.start, span.stop, lengths[dim])]
         for dim, span in region.items()
@@ -243,7 +245,7 @@ def regions(region: Region, lengths: Mapping[str, int]) -> Iterator[dict[str, sl
 def shortened(
     lengths: Mapping[str, int], order: Iterable[tuple[str, int]], fits: Callable[[Mapping[str, int]], bool]
 ) -> dict[str, int]:
-    """Halve lengths until they fit, for one dimension of `order` after the other, each down to its minimum."""
+    """Halve lengths until they fit. Dimensions are halved one after another in `order`, each down to its minimum."""
     found = dict(lengths)
     for dim, minimum in order:
         while found[dim] > minimum and not fits(found):

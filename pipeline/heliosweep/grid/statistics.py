@@ -1,4 +1,4 @@
-"""Statistics over the draws of a study, and sensitivities of results to keys."""
+"""Statistics over the draws of a study, and sensitivities of the results to its keys."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from heliosweep.lazy import scipy
 
 
 def has_statistics(design: Design) -> bool:
-    """Return True if the draws follow the distributions, so that their mean has a meaning."""
+    """Return True if the draws follow the distributions, so that their mean is meaningful."""
     return design.sensitivity not in (MORRIS, LOCAL)
 
 
@@ -22,12 +22,12 @@ def mean_of_draws(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
     Parameters
     ----------
     values : ndarray, shape (..., draws)
-        Results of the draws. If one draw is missing (NaN), all three are missing.
+        Results of the draws. If a draw is missing (NaN), all three statistics are missing.
     design : Design
-        Design of the draws. For a Sobol sensitivity, only draws from the distributions are used: the first and last of
-        each base point. The standard error follows from the means of eight Sobol sequences. For independent draws it is
-        the standard deviation divided by the square root of their number, which is an overestimate for a Latin
-        hypercube.
+        Design of the draws. For Sobol indices, only the first and last draw of each base point are used, because only
+        these follow the distributions. The standard error is computed from the means of eight Sobol sequences. For
+        independent draws, it is the standard deviation divided by the square root of their number. This overestimates
+        the error of a Latin hypercube.
     """
     own = _independent(values, design)
     mean, deviation = own.mean(axis=-1), own.std(axis=-1, ddof=1)
@@ -42,12 +42,12 @@ def mean_of_draws(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
 def percentiles_of_draws(
     values: NDArray[np.float64], percentiles: Sequence[float], design: Design
 ) -> NDArray[np.float64]:
-    """Return percentiles of the draws, interpolated linearly, shape (..., percentiles)."""
+    """Return linearly interpolated percentiles of the draws, shape (..., percentiles)."""
     return np.moveaxis(np.percentile(_independent(values, design), percentiles, axis=-1), 0, -1)
 
 
 def _independent(values: NDArray[np.float64], design: Design) -> NDArray[np.float64]:
-    """Return the draws that follow the distributions. Draw k of each half belongs to Sobol sequence k modulo 8."""
+    """Return the draws that follow the distributions. In each half, draw k belongs to Sobol sequence k modulo 8."""
     if design.sensitivity != SOBOL:
         return np.ascontiguousarray(values)
     points = _by_point(values, design)
@@ -59,23 +59,23 @@ def _by_point(values: NDArray[np.float64], design: Design) -> NDArray[np.float64
 
 
 def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
-    """Return first-order index, half width of its 95 % interval, total index and half width of its interval.
+    """Return the first-order and total Sobol indices, each followed by the half width of its 95 % interval.
 
-    The estimators are from SALib [1]_ [2]_. Intervals of independent draws are from its bootstrap. Intervals of eight
-    Sobol sequences follow from a jackknife over the sequences and Student's distribution, because a bootstrap assumes
-    independent draws.
+    The estimators are those of SALib [1]_ [2]_. For independent draws, intervals are computed with SALib's bootstrap.
+    For eight Sobol sequences, they are computed with a jackknife over the sequences and Student's t distribution,
+    because a bootstrap assumes independent draws.
 
     Parameters
     ----------
     values : ndarray, shape (..., draws)
-        Results of Saltelli's design.
+        Results of the draws in Saltelli's design.
     design : Design
         Design of the draws.
 
     Returns
     -------
     tuple of four ndarray, shape (..., parameters)
-        Indices and half widths: zero if the result does not vary, missing if a draw is missing.
+        Indices and half widths. They are zero if the result does not vary, and missing if a draw is missing.
 
     References
     ----------
@@ -123,10 +123,11 @@ def _sobol(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
-    """Mean, mean magnitude and standard deviation of the elementary effects of each parameter.
+    """Return the mean, mean magnitude and standard deviation of each parameter's elementary effects.
 
-    An effect is the change of the result from the 12.5 to the 87.5 % quantile of the keys of a parameter, scaled
-    linearly from a step of two thirds of this range. The sign of a group is the sign of one of its keys.
+    An effect is the change of the result when the keys of a parameter change from their 12.5 % to their 87.5 %
+    quantile. It is scaled linearly from a step of 2/3 of this range. The sign of a group is the sign of one of its
+    keys.
 
     Parameters
     ----------
@@ -138,7 +139,7 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
     Returns
     -------
     tuple of three ndarray, shape (..., parameters)
-        Effects, missing if a draw is missing.
+        Statistics of the effects. They are missing if a draw is missing.
 
     References
     ----------
@@ -146,8 +147,8 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
        doi 10.1080/00401706.1991.10484804
     """
     places = levels(design).reshape(design.size, design.rows, -1)
-    steps = np.diff(places, axis=1)  # (trajectories, steps, keys), nonzero for keys of one parameter
-    moved = np.argmax(np.abs(steps), axis=-1)  # a key of that parameter
+    steps = np.diff(places, axis=1)  # (trajectories, steps, keys), nonzero only for the keys of one parameter
+    moved = np.argmax(np.abs(steps), axis=-1)  # one key of this parameter
     change = np.diff(_by_point(values, design), axis=-1) / np.take_along_axis(steps, moved[..., np.newaxis], -1)[..., 0]
     parameter = np.array(design.groups)[moved]
     order = np.broadcast_to(np.argsort(parameter, axis=1), change.shape)
@@ -156,6 +157,6 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
 
 
 def single_steps(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Change of the result with each parameter one standard normal deviate down, and up, from the median of all."""
+    """Return the changes from the result at the medians, with one parameter one standard normal deviate down and up."""
     changes = values[..., 1:] - values[..., :1]
     return changes[..., 0::2], changes[..., 1::2]

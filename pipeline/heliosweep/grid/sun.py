@@ -1,4 +1,4 @@
-"""Instants of a study on its clock, positions of the sun at its sites, and sites without a sunrise."""
+"""Instants of a study on its clock, sun positions at its sites, and checks for sites without a sunrise."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from heliosweep.sun import direction, sun_vectors
 
 #: Maximum number of instants that are generated before the plan is accepted.
 MAX_INSTANTS = 10**7
-#: Attributes of a coordinate of calendar dates.
+#: Attributes of a coordinate that contains calendar dates.
 DATE = {
     "long_name": "date at the site",
     "comment": (
@@ -42,14 +42,14 @@ DATE = {
 
 
 class Label(NamedTuple):
-    """Values along dimensions, for a coordinate of a data set."""
+    """Values, dimensions and attributes of a data set's coordinate."""
 
     dims: tuple[str, ...]
     values: np.ndarray
     attrs: dict[str, str]
 
     def part(self, dim: str, span: slice | int) -> Label:
-        """Return the values of a part of a dimension, or all values if the label does not have the dimension."""
+        """Return the label for a part of a dimension, or unchanged if it does not have this dimension."""
         index = tuple(span if name == dim else slice(None) for name in self.dims)
         kept = self.dims if isinstance(span, slice) else tuple(name for name in self.dims if name != dim)
         return Label(kept, self.values[index], self.attrs)
@@ -57,11 +57,16 @@ class Label(NamedTuple):
 
 @dataclass(frozen=True)
 class Instants:
-    """The instants of a study, labelled along ``time``, on the clock ``solar``, ``civil``, ``weather`` or ``sun``.
+    """Instants of a study, labelled along ``time``, on the clock ``solar``, ``civil``, ``weather`` or ``sun``.
 
-    The labels depend on the clock. They are ``day`` or ``declination`` and ``solar_hour``; or ``utc``, which also has
-    the dimension `dim` if the clocks of sites or the weather files differ; or the single ``instant`` of each direction
-    of the sun. On the clock ``weather``, ``utc`` is the middle and ``hours`` the length of each interval.
+    The labels depend on the clock:
+
+    - ``solar``: ``day`` or ``declination``, and ``solar_hour``;
+    - ``civil``: ``utc``, which also has the dimension `dim` if the clocks of the sites differ;
+    - ``weather``: ``utc``, the midpoint of each interval, and ``hours``, its length. Both also have the dimension
+    `dim` if the
+      weather files differ;
+    - ``sun``: a single ``instant`` for each sun direction.
     """
 
     labels: dict[str, Label]
@@ -71,7 +76,7 @@ class Instants:
     def coordinates(self) -> dict[str, Label]:
         """Return the labels as coordinates.
 
-        If instants are ascending and common to all sites, they are ``time`` itself.
+        If the instants are ascending and equal at all sites, the coordinate ``time`` contains them.
         """
         utc = self.labels.get("utc")
         if utc and utc.dims == ("time",) and np.all(np.diff(utc.values) > np.timedelta64(0)):
@@ -80,7 +85,7 @@ class Instants:
         return {name: label for name, label in self.labels.items() if name not in ("hours", "instant")}
 
     def at_sites(self, part: slice | int) -> Instants:
-        """Return the instants of one or several sites or weather files."""
+        """Return the instants of one or more sites or weather files."""
         return replace(self, labels={name: label.part(self.dim, part) for name, label in self.labels.items()})
 
     def part(self, span: slice) -> Instants:
@@ -94,9 +99,9 @@ class Instants:
 
 
 def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> int:
-    """Return the number of instants without creating them, ignoring changes to daylight-saving time.
+    """Return the number of instants without generating them, ignoring changes to daylight-saving time.
 
-    A weather file is assumed to have hourly instants of a year; `instants_of` reads the actual number.
+    A weather file is assumed to contain one year of hourly values; `instants_of` reads the actual number.
     """
     if isinstance(time, SunDirections):
         return 1
@@ -109,10 +114,10 @@ def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> 
 
 
 def solar_instants(time: SolarTime) -> Instants:
-    """Return each hour of each day on the solar clock, day by day.
+    """Return the instants of the solar clock: each hour of each day, day by day.
 
-    The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h], with the sampling of the
-    study.
+    The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h]. The hours follow the
+    study's sampling.
     """
     hours, outer = time.solar_hours(), cast("Any", time.declinations())
     name, attrs = "declination", {"long_name": "declination of the sun", "units": "degree"}
@@ -129,10 +134,10 @@ def solar_instants(time: SolarTime) -> Instants:
 
 
 def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
-    """Return the intervals of weather files. Several files are along the dimension `dim` of the result.
+    """Return the intervals of weather files. If there are several files, they are along the dimension `dim`.
 
-    ``utc``, the middle of each interval, and ``hours``, its length [h], are along ``time`` if they are equal for all
-    files. Otherwise they are along (`dim`, ``time``), with NaT at the end of shorter files.
+    The labels are ``utc``, the midpoint of each interval, and ``hours``, its length [h]. They are along ``time`` if
+    they are equal for all files. Otherwise they are along (`dim`, ``time``), with NaT at the end of shorter files.
     """
     dims, utc = _table([file.utc for file in files], dim)
     if len(dims) == 1 and any(file.hours != files[0].hours for file in files):
@@ -147,7 +152,7 @@ def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
 
 
 def _table(rows: Sequence[NDArray[np.datetime64]], dim: str) -> tuple[tuple[str, ...], NDArray[np.datetime64]]:
-    """Return dimensions and values of rows of instants: a single row if all are equal, otherwise padded with NaT."""
+    """Return the dimensions and values of a table of instants: one row if all rows are equal, otherwise padded rows."""
     if all(np.array_equal(row, rows[0]) for row in rows):
         return ("time",), rows[0]
     table = np.full((len(rows), max(row.size for row in rows)), np.datetime64("NaT", "ns"))
@@ -157,14 +162,14 @@ def _table(rows: Sequence[NDArray[np.datetime64]], dim: str) -> tuple[tuple[str,
 
 
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
-    """Return each step of each date's window on the civil clock, in universal time, for the time zones of the sites.
+    """Return the instants of each date's window on the civil clock, in universal time, for all site time zones.
 
-    A window starts and stops at clock times and has equal steps of elapsed time. A window with a change of the clock is
-    therefore an hour shorter or longer. An end in an omitted hour is at the change of the clock. An end in a repeated
-    hour is at its first occurrence.
+    A window starts and stops at clock times and has equal steps of elapsed time. A window that includes a clock change
+    is therefore an hour shorter or longer. If the start or stop is in an hour skipped by a clock change, it is moved to
+    the time of this change. If it is in a repeated hour, its first occurrence is used.
 
-    If all sites have equal instants, ``utc`` is ascending along ``time`` without repetitions. Otherwise it is along
-    (``site``, ``time``), with NaT at the end of sites with fewer instants.
+    If all sites have equal instants, ``utc`` is along ``time``, in ascending order without repetitions. Otherwise it is
+    along (``site``, ``time``), and sites with fewer instants are padded with NaT.
     """
     rows = [np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones]
     dims, utc = _table(rows, "site")
@@ -172,9 +177,10 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
 
 
 def civil_intervals(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the hours represented by each instant of `civil_instants` in a time zone, and the month of its date.
+    """Return the hours that each instant of `civil_instants` represents in a time zone, and the month of its date.
 
-    The hours are one step, half a step at both ends of an inclusive window, and the sum for an instant in two windows.
+    An instant represents one step, or half a step at both ends of an inclusive window. For an instant in two windows,
+    the hours are summed.
     """
     pieces, step = daily_windows(time, timezone), time.window.step
     hours = [np.full(piece.size, step) for piece in pieces]
@@ -201,19 +207,19 @@ def daily_windows(time: CivilTime, timezone: str) -> list[NDArray[np.datetime64]
 
 
 def window_count(steps: float, sampling: str) -> int:
-    """Return the number of instants of a window with this number of steps, tolerating rounding."""
+    """Return the number of instants in a window that is `steps` steps long, tolerating rounding errors."""
     if sampling == "left":
         return int(np.ceil(steps - 1e-9))
     return int(np.floor(steps + 1e-9)) + (sampling == "inclusive")
 
 
 def window_positions(steps: float, sampling: str) -> NDArray[np.float64]:
-    """Return the instants of a window with this number of steps, in steps from its start."""
+    """Return the instants in a window that is `steps` steps long, in steps from its start."""
     return np.arange(window_count(steps, sampling), dtype=np.float64) + (0.5 if sampling == "midpoint" else 0.0)
 
 
 def instants_of(grid: Parameters) -> Instants:
-    """Return the instants of the block ``time`` of a study."""
+    """Return the instants specified by the study's block ``time``."""
     time: SolarTime | CivilTime | SunDirections | WeatherTime = grid.study.time  # type: ignore[attr-defined]
     if isinstance(time, SunDirections):
         return Instants({"instant": Label(("time",), np.zeros(1), {})}, "sun")
@@ -222,7 +228,7 @@ def instants_of(grid: Parameters) -> Instants:
     if isinstance(time, WeatherTime):
         dim = next((dim.name for dim in grid.study.dimensions() if "weather.file" in dim.sweeps), "site")
         return weather_intervals(weather_files(grid.study), dim).at_sites(grid.part(dim))
-    # Generated for all sites, because their number and dimensions must not depend on the region.
+    # Generate instants for all sites, because number and dimensions must not depend on the region.
     return civil_instants(time, Parameters(grid.study).timezones()).at_sites(grid.part("site"))
 
 
@@ -231,10 +237,10 @@ def sun_attributes(
     delta_t: float | None = None,
     elevation: str = "geometric",
 ) -> dict[str, str]:
-    """Return the global attributes on the sun and the sampling.
+    """Return the global attributes that describe sun positions and time sampling.
 
-    They depend on the block ``time``, on terrestrial minus universal time `delta_t` [s] (default: by year and month),
-    and on the kind of elevation (geometric or apparent).
+    They depend on the block ``time``, on the kind of elevation (geometric or apparent), and on `delta_t`, the
+    difference between terrestrial and universal time [s] (default: by year and month).
     """
     if isinstance(time, SunDirections):
         return {"sun_position": "directions from the study: azimuth clockwise from north, and geometric elevation"}
@@ -256,9 +262,9 @@ def sun_attributes(
 def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
     """Return unit vectors to the sun at one site, shape (time, 3): east, north, up; NaN for padded instants. [1]
 
-    For weather files, instants are replaced by `lit_middles`. `place` contains the values of `PLACE`, or None: latitude
-    and longitude, positive north and east [deg], and altitude [m]; for directions of the sun, azimuth clockwise from
-    north and elevation [deg].
+    For weather files, the instants are replaced by `lit_middles`. `place` contains the values of `PLACE`, each of which
+    may be None: latitude (positive north) and longitude (positive east) [deg], altitude [m], and for given sun
+    directions the azimuth (clockwise from north) and elevation [deg].
     """
     latitude, longitude, altitude, azimuth, elevation = (np.nan if one is None else float(one) for one in place)
     labels = {name: label.values for name, label in instants.labels.items()}
@@ -281,10 +287,10 @@ def _lit_vectors(utc: bytes, hours: bytes, place: tuple[float, float, float]) ->
 def lit_middles(
     utc: NDArray[np.datetime64], hours: NDArray[np.float64], latitude: float, longitude: float, altitude: float
 ) -> NDArray[np.datetime64]:
-    """Return the middles of intervals, or of the lit part of intervals with sunrise or sunset.
+    """Return the midpoint of each interval, or of its sunlit part if it contains sunrise or sunset.
 
-    `utc` contains the middles of the intervals, shape (T,), and `hours` their lengths. Sunrise and sunset are computed
-    to a millisecond for the sun's centre without refraction.
+    `utc` contains the midpoints of the intervals, shape (T,), and `hours` their lengths. Sunrise and sunset are
+    computed to within a millisecond, for the sun's centre without refraction.
     """
     half = (hours * 1.8e12).astype("timedelta64[ns]")
     starts, ends = utc - half, utc + half
@@ -306,12 +312,12 @@ def lit_middles(
     return middles
 
 
-#: Keys of a study that affect the sun at a site, in the order of `sun_at`.
+#: Study keys that affect the sun at a site, in the order that `sun_at` uses.
 PLACE = ("site.latitude", "site.longitude", "site.altitude", "time.azimuth", "time.elevation")
 
 
 class Suns:
-    """Sun vectors at the points of a region, computed once for successive points at one site.
+    """Sun vectors at the points of a region. They are computed once for successive points at one site.
 
     If the region has the dimension ``time``, only its instants are included.
     """
@@ -337,22 +343,22 @@ class Suns:
         return self._last[1]
 
 
-#: Maximum number of sites times instants for which sites without a sunrise are detected.
+#: Maximum product of sites and instants for which sites without a sunrise are detected.
 MAX_SUNS = 10**7
-#: Maximum error of the elevation on the civil clock here: 4.3 deg for the equation of time, 1.7 deg for Cooper's
-#: declination with the drift of the calendar from 1700 to 2200, and one as a reserve. [deg]
+#: Maximum elevation error of `_heights` on the civil clock: 4.3 deg from the equation of time, 1.7 deg from Cooper's
+#: declination with the calendar drift from 1700 to 2200, and a reserve of 1 deg. [deg]
 MARGIN = 7.0
 
 
 def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
-    """Yield a problem of a study without a sunrise, or a warning with dark latitudes and the text `missing`.
+    """Yield a problem if the sun never rises, or a warning that lists dark latitudes and ends with `missing`.
 
-    On the civil clock there may be more dark latitudes.
+    On the civil clock, some dark latitudes may not be detected.
     """
     time: SolarTime | CivilTime = study.time  # type: ignore[attr-defined]
     places = [(site, latitude) for site in places_of(study) for latitude in _values(site.latitude)]
     each = instant_count(time) if isinstance(time, CivilTime) else len(time.declination or time.days or ())
-    # A place takes as long as 200 suns at least: a million places would take a minute.
+    # Each place takes at least as long as 200 sun positions. A million places would take a minute.
     suns = sum(_values(site.longitude).size for site, _ in places) * max(each, 200)
     if not places or suns > MAX_SUNS:
         return
@@ -369,9 +375,9 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
 
 
 def night_share(study: Study) -> float:
-    """Share of a study's instants on the civil clock at which the sun is below the horizon, to a few hundredths. [1]
+    """Return the fraction of civil-clock instants with the sun below the horizon, to within a few 0.01. [1]
 
-    The estimate uses some of the places and dates, without the equation of time.
+    The estimate uses a selection of places and dates, and neglects the equation of time.
     """
     time: CivilTime = study.time  # type: ignore[attr-defined]
     shares = [
@@ -385,9 +391,9 @@ def night_share(study: Study) -> float:
 def _heights(
     time: SolarTime | CivilTime, site: Any, latitude: float, longitudes: NDArray[np.float64], most: int = MAX_SUNS
 ) -> NDArray[np.float64]:
-    """Sines of elevations of the sun at a latitude, at `most` instants of a study, without equation of time.
+    """Return sines of sun elevations at a latitude for at most `most` instants, neglecting the equation of time.
 
-    On the solar clock the only sample of a day is the hour that is nearest to noon, when the sun is highest.
+    On the solar clock, only the hour nearest to noon is used for each day, when the sun is highest.
     """
     if isinstance(time, SolarTime):
         given, hours = time.declinations(), time.solar_hours()
@@ -403,10 +409,10 @@ def _heights(
 
 
 def _some(values: Any) -> Any:
-    """Twelve of the values at the most, evenly picked."""
+    """Return at most 12 of the values, evenly spaced."""
     return values[:: max(1, -(-len(values) // 12))]
 
 
 def _values(value: float | Sweep | None) -> NDArray[np.float64]:
-    """Return the values of a key: all values of a sweep, 0 without a value."""
+    """Return the values of a key: all values of a sweep, or 0 if the key has no value."""
     return np.atleast_1d(np.asarray(value[:] if isinstance(value, Sweep) else value or 0.0, dtype=float))

@@ -19,14 +19,14 @@ from heliosweep.kernels.compiled import Floats, Integers
 from heliosweep.kernels.sun import refracted
 from heliosweep.lazy import pd, pvlib
 
-#: Limits of operation of a field. A lost instant is counted for the first violated limit in this order.
+#: Operating limits of a field. A lost instant is attributed to the first violated limit in this order.
 CAUSES = ("dni", "sun_elevation", "wind_speed")
-#: Keys of the limits.
+#: Study keys of the limits.
 LIMITS = tuple(f"limits.{cause}" for cause in CAUSES)
 
-#: Keys of a clear sky, in the order of `clear_sky`.
+#: Keys of a clear sky, in the order of the arguments of `clear_sky`.
 CLEAR_SKY = tuple(f"weather.clear_sky.{key}" for key in ("model", *KEYS_OF))
-#: Number of days of a year before each month.
+#: Number of days in a year before each month.
 _MONTHS = np.array([0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334])
 
 
@@ -36,13 +36,13 @@ class Irradiance(NamedTuple):
     Parameters
     ----------
     dni : ndarray, shape (T,)
-        Mean direct normal irradiance over each interval; for a clear sky 0 if the sun is down. [W/m2]
+        Mean direct normal irradiance over each interval; for a clear sky, 0 if the sun is down. [W/m2]
     hours : ndarray, shape (T,)
-        Length of the interval of each instant, whether lit or not. [h]
+        Length of each instant's interval, including time with the sun down. [h]
     month : ndarray of int, shape (T,)
-        Month, 1 to 12, of the instant on the clock of the file, or of the civil date.
+        Month (1 to 12) of the instant on the clock of the weather file, or of the civil date.
     wind : ndarray, shape (T,)
-        Wind speed, NaN if unknown. [m/s]
+        Wind speed; NaN if unknown. [m/s]
     """
 
     dni: Floats
@@ -52,10 +52,10 @@ class Irradiance(NamedTuple):
 
 
 class Weathers:
-    """Irradiance at the points of a region, computed once for successive points with the same weather.
+    """Irradiance at the points of a region. It is computed once for successive points with equal weather.
 
-    If the region has the dimension ``time``, only its instants are included. Instants that pad shorter series of
-    several sites or files have zero hours.
+    If the region has the dimension ``time``, only its instants are included. If several sites or files have time series
+    of different lengths, the instants that pad the shorter ones have a length of 0 h.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -71,7 +71,7 @@ class Weathers:
         self._last: tuple[object, Any] = (None, None)
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> Irradiance:
-        """Return the irradiance at a point, from its index and the values of `sun.PLACE`."""
+        """Return the irradiance at a point, given its index and its values of `sun.PLACE`."""
         row = 0 if self._axis is None else index[self._axis]
         sky = tuple(None if column is None else column[index] for column in self._sky)
         key = (row, tuple(place), sky)
@@ -109,22 +109,22 @@ def clear_sky(
     aerosol_optical_depth: float | None = None,
     precipitable_water: float | None = None,
 ) -> Floats:
-    """Return the direct normal irradiance of a cloudless sky, 0 if the sun is down, shape (T,). [W/m2]
+    """Return the direct normal irradiance under a cloudless sky, shape (T,); 0 if the sun is down. [W/m2]
 
     Parameters
     ----------
     utc : ndarray of datetime64, shape (T,)
-        Universal times; NaT gives 0.
+        Universal times. The irradiance is 0 at NaT.
     sun : ndarray, shape (T, 3)
-        Unit vectors to the sun without refraction, which is added here. [1]
+        Unit vectors to the sun without refraction, which this function adds. [1]
     place : sequence
-        Latitude and longitude [deg] and altitude [m], the first values of `sun.PLACE`.
+        Latitude and longitude [deg] and altitude [m]: the first three values of `sun.PLACE`.
     model : str
-        ``ineichen`` or ``simplified_solis``, from pvlib; ``meinel``: 1367 W/m2 * 0.7^(AM^0.678), with the relative air
-        mass AM of Kasten and Young (1989); or ``ashrae``: A exp(-B / sin(elevation)), with A and B for the United
-        States, interpolated between the 21st of each month.
+        ``ineichen`` or ``simplified_solis`` from pvlib, ``meinel`` or ``ashrae``. ``meinel`` is 1367 W/m2 *
+        0.7^(AM^0.678), where AM is the relative air mass of Kasten and Young (1989). ``ashrae`` is A exp(-B /
+        sin(elevation)), where A and B are values for the United States, interpolated between the 21st of each month.
     linke_turbidity : float, optional
-        Turbidity for ``ineichen`` (default: from pvlib's global table by month). [1]
+        Turbidity for ``ineichen`` (default: from pvlib's global monthly table). [1]
     aerosol_optical_depth, precipitable_water : float, optional
         Optical depth at 700 nm (default: 0.1) [1] and precipitable water (default: 1) [cm], for ``simplified_solis``.
     """
@@ -135,7 +135,7 @@ def clear_sky(
     atmosphere, clearsky = pvlib.atmosphere, pvlib.clearsky
     latitude, longitude, altitude = (float(value or 0.0) for value in place[:3])
     date, pressure = utc[up].astype("datetime64[D]"), float(atmosphere.alt2pres(altitude))
-    day = (date - date.astype("datetime64[Y]")).astype(float) + 1.0  # of the year
+    day = (date - date.astype("datetime64[Y]")).astype(float) + 1.0  # day of the year, from 1
     sine = np.clip(refracted(sun[up], pressure, 12.0)[:, 2], -1.0, 1.0)
     elevation, extra = np.degrees(np.arcsin(sine)), pvlib.irradiance.get_extra_radiation(day)
     relative = atmosphere.get_relative_airmass(90.0 - elevation)
@@ -161,7 +161,7 @@ def clear_sky(
 
 
 def _turbidity(day: Floats, latitude: float, longitude: float) -> Floats:
-    """Return the Linke turbidity at a site on days of the year, from pvlib, interpolated between months. [1]"""
+    """Return pvlib's Linke turbidity at a site, interpolated from monthly values to days of the year. [1]"""
     dates = pd.DatetimeIndex([f"2021-{month:02}-15" for month in range(1, 13)])
     of_month = pvlib.clearsky.lookup_linke_turbidity(dates, latitude, longitude, interp_turbidity=False).to_numpy(float)
     lengths = np.diff([*_MONTHS, 365])
@@ -169,7 +169,7 @@ def _turbidity(day: Floats, latitude: float, longitude: float) -> Floats:
 
 
 def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) -> tuple[NDArray[np.bool_], Integers]:
-    """Select the instants of operation, and return the cause of each other instant.
+    """Select the instants at which the field operates, and return the cause of each lost instant.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) ->
         Unit vectors to the sun. [1]
     limits : sequence of float or None
         Limits in the order of `CAUSES`: minimum irradiance [W/m2], minimum elevation of the sun [deg] and maximum wind
-        speed [m/s]; None for no limit. An unknown wind speed counts as within its limit.
+        speed [m/s]. None means no limit. An unknown wind speed is treated as within the limit.
 
     Returns
     -------
@@ -200,16 +200,16 @@ def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) ->
 
 #: Maximum distance of a weather station from its site. [km]
 FARTHEST = 50.0
-#: Shifts of the sun for tests of the closure GHI = DHI + DNI cos z. [min]
+#: Time shifts of the sun for which the closure GHI = DHI + DNI cos z is tested. [min]
 SHIFTS = np.arange(-60, 61)
-#: Error of the closure relative to GHI, and ratio to its minimum from which a shift is reported.
+#: Minimum closure error relative to GHI, and minimum ratio to the smallest error, for which a shift is reported.
 CLOSURE_ERROR, CLOSURE_RATIO = 0.005, 1.6
-#: Maximum number of points of a sweep that are checked.
+#: Maximum number of sweep points that are checked.
 MAX_POINTS = 200
 
 
 def weather_faults(study: Any) -> Iterator[Fault]:
-    """Yield contradictions between ``weather``, ``limits`` and ``time`` of a study, without reading files."""
+    """Yield contradictions between the study blocks ``weather``, ``limits`` and ``time``, without reading files."""
     weather, limits, on_its_clock = study.weather, study.limits, isinstance(study.time, WeatherTime)
     file, sky = (weather.file, weather.clear_sky) if weather is not None else (None, None)
     if on_its_clock and file is None:
@@ -228,12 +228,12 @@ def weather_faults(study: Any) -> Iterator[Fault]:
 
 
 def check_weather(study: Any) -> Iterator[Problem | str]:
-    """Yield problems of the weather files of a study and its limits, and warnings.
+    """Yield problems and warnings about a study's weather files and operating limits.
 
     Raises
     ------
     StudyError
-        If a weather file is wrong.
+        If a weather file is invalid.
     """
     if study.weather is None:
         return
@@ -248,7 +248,7 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
         )
         yield study.problem("weather.file", message)
         return
-    # Points at the first value of all keys that do not affect weather, limits or sun.
+    # Use only the first value of each key that does not affect weather, limits or sun.
     matters = ("site.", "time.", "weather.", "limits.")
     spans = {
         dim.name: slice(0, MAX_POINTS if any(key.startswith(matters) for key in dim.sweeps) else 1)
@@ -257,7 +257,7 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
     parameters = Parameters(study, spans)
     points = list(itertools.islice(parameters.points(*PLACE, *LIMITS), MAX_POINTS))
     if instant_count(study.time) > MAX_INSTANTS or any(place[1] is None for _, place in points):
-        return  # the plan or another check reports this
+        return  # reported by the plan or another check
     suns, weathers = Suns(parameters), Weathers(parameters)
     idle, lines, most = list[bool](), dict[tuple[Any, ...], list[Problem | str]](), 0.0
     for index, (latitude, longitude, *place, dni, elevation, wind) in points:
@@ -282,12 +282,12 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
 
 
 def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
-    """Yield warnings of a file at a site: notes of the reader, irradiance at night, low DNI, and closure."""
+    """Yield warnings about a file at a site: notes from reading, irradiance at night, low DNI, and closure errors."""
     name = Path(file.name).name
     yield from (f"{name}: {note}" for note in file.notes)
     energy = irradiance.dni * irradiance.hours
     part = float(energy[~(sun[:, 2] > 0)].sum() / (energy.sum() or 1.0))
-    if part > 0.01:  # rounding of the file and of the horizon
+    if part > 0.01:  # tolerance for rounding in the file and near the horizon
         yield (
             f"{100 * part:.2g} % of the irradiation in {name} occurs with the sun below the horizon and is not "
             "used: check the times, their offset from universal time, and the site"
@@ -297,16 +297,16 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
             f"{name}: the DNI never exceeds {most:,.0f} W/m2: check that it is not the horizontal irradiance or "
             "in another unit"
         )
-    high = sun[: len(file), 2] > 0.2  # a lower sun may represent only the lit part of its interval
+    high = sun[: len(file), 2] > 0.2  # a lower sun may be that of the sunlit part of its interval
     rows = high & (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)
     if np.count_nonzero(rows) >= 50:
         yield from (f"{name}: {note}" for note in _closure(file, rows, sun[: len(file)], latitude))
 
 
 def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
-    """Yield a warning if GHI = DHI + DNI cos z holds better for the sun at shifted times."""
+    """Yield a warning if GHI = DHI + DNI cos z is satisfied better with sun positions at shifted times."""
     dni, beam, mean = file.dni[rows], (file.ghi - file.dhi)[rows], float(file.ghi[rows].mean())
-    # The sun positions are rotated about the axis of the Earth.
+    # Rotate the sun positions about the Earth's axis.
     north, up, angle = np.cos(np.radians(latitude)), np.sin(np.radians(latitude)), np.radians(SHIFTS / 4)[:, np.newaxis]
     (x, _, z), along = sun[rows].T, (sun[rows] * (0.0, north, up)).sum(axis=1)
     heights = np.maximum(z * np.cos(angle) + north * x * np.sin(angle) + up * along * (1 - np.cos(angle)), 0.0)
@@ -328,7 +328,7 @@ def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64
 
 
 def _elsewhere(study: Any, file: WeatherFile, latitude: float, longitude: float) -> Iterator[Problem]:
-    """Yield a problem if the station of a file is far from a site."""
+    """Yield a problem if a file's weather station is far from the site."""
     (lat, lon), (north, east) = np.radians([[file.latitude, file.longitude], [latitude, longitude]])
     half = np.sin((north - lat) / 2) ** 2 + np.cos(lat) * np.cos(north) * np.sin((east - lon) / 2) ** 2
     distance = 2 * 6371.0 * np.arcsin(np.sqrt(min(half, 1.0)))

@@ -1,7 +1,7 @@
-"""The ground of a generated field: areas for heliostats, and heights.
+"""Ground of a generated field: areas for heliostats, and ground heights.
 
-Polygons are GeoJSON or WKT files, and a grid of heights is a NetCDF or GeoTIFF file. Coordinates are in metres east and
-north of the tower, or of an origin such as the origin of a map.
+Polygons are read from GeoJSON or WKT files, and grids of heights from NetCDF or GeoTIFF files. Coordinates are in
+metres east and north of the tower, or of another origin such as a map origin.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import FARTHEST
 from heliosweep.lazy import scipy, shapely, xr
 
-#: Attributes for polygons in a result, by key of the study.
+#: Result attributes that contain the polygons, by study key.
 AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
 
-#: Maximum number of heights of a grid.
+#: Maximum number of heights in a grid.
 MAX_CELLS = 25_000_000
 
-#: East and north. [m]
+#: Position east and north of an origin. [m]
 Place = tuple[float, float]
 
 AT_TOWER: Place = (0.0, 0.0)
 
 _UNITS = ("m", "metre", "metres", "meter", "meters")
-#: Positions along x and y, and heights over (y, x). [m]
+#: Grid positions along x and y, and heights over (y, x). [m]
 _Grid: TypeAlias = tuple[Floats, Floats, Floats]
 _Need: TypeAlias = Callable[[Any, str], None]
 
 
 @dataclass(frozen=True)
 class Region:
-    """Ground for heliostats.
+    """Ground on which heliostats may be placed.
 
     Parameters
     ----------
     sectors : sequence of (float, float)
-        Azimuth of the middle and width of each sector, seen from the tower; empty for all azimuths. [deg]
+        Middle azimuth and width of each sector as seen from the tower; empty for all azimuths. [deg]
     boundary, exclude : shapely geometry, optional
         Polygons that contain all heliostats, and polygons that contain none. [m]
     margin : float
-        Minimum distance of heliostats from the edges of all these polygons. [m]
+        Minimum distance between heliostats and the edges of all polygons. [m]
     """
 
     sectors: Sequence[tuple[float, float]] = ()
@@ -62,11 +62,11 @@ class Region:
     margin: float = 0.0
 
     def inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return True for positions [m] inside the region and not on a boundary or margin, shape (n,)."""
+        """Return True for positions [m] that are inside the region, not on an edge or within the margin, shape (n,)."""
         inside = np.full(x.shape, not self.sectors)
         azimuth = np.degrees(np.arctan2(x, y)) if self.sectors else x
         for middle, width in self.sectors:
-            inside |= np.abs((azimuth - middle + 180) % 360 - 180) <= width / 2 + 1e-9  # rounding
+            inside |= np.abs((azimuth - middle + 180) % 360 - 180) <= width / 2 + 1e-9  # tolerance for rounding
         areas = [area for area in (self.boundary, self.exclude) if area is not None]
         if areas:
             if self.boundary is not None:
@@ -80,7 +80,7 @@ class Region:
 
     @property
     def key(self) -> str:
-        """Key of the ground in messages."""
+        """Study key of the ground for messages."""
         return "boundary" if self.boundary is not None else "sectors" if self.sectors else "exclude"
 
     @property
@@ -91,7 +91,7 @@ class Region:
         return float(np.hypot(*shapely.get_coordinates(self.boundary).T).max())
 
     def no_room(self) -> StudyError:
-        """Return the error if no heliostat fits."""
+        """Return the error to raise if no heliostat fits."""
         hint = ""
         if self.boundary is not None:
             if self.exclude is not None and self.boundary.difference(self.exclude).area == 0:
@@ -103,14 +103,14 @@ class Region:
 
 @lru_cache(maxsize=8)
 def _edge(area: Any) -> Any:
-    """Return the prepared edge of polygons."""
+    """Return the edge of polygons, prepared for fast queries."""
     edge = area.boundary
     shapely.prepare(edge)
     return edge
 
 
 def _checker(path: Path, key: str) -> _Need:
-    """Return a function that raises StudyError with a key if a requirement on a file is not met."""
+    """Return a function that raises a StudyError for `key` if a requirement on a file is not met."""
 
     def need(good: Any, message: str) -> None:
         if not good:
@@ -123,7 +123,7 @@ def _checker(path: Path, key: str) -> _Need:
 def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     """Read polygons (GeoJSON or WKT) as one prepared geometry relative to a tower. [m]
 
-    Raises StudyError with this key if the file contains no valid polygons.
+    Raises a StudyError for `key` if the file contains no valid polygons.
     """
     need, text, polygons = _checker(path, key), "", np.empty(0, object)
     try:
@@ -136,7 +136,7 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     except shapely.errors.ShapelyError as error:
         reason = re.sub(r"^\w+Exception: ", "", str(error)).splitlines()[0][:100]
         need(False, f"is no {form}: {reason}; give polygons such as POLYGON ((0 0, 9 0, 9 9, 0 0))")
-    for _ in range(3):  # collections of collections
+    for _ in range(3):  # flatten nested collections
         polygons = shapely.get_parts(polygons)
     polygons = polygons[~(shapely.is_empty(polygons) | shapely.is_missing(polygons))]
     kinds = sorted({part.geom_type for part in polygons}, key="Polygon".__eq__)
@@ -163,7 +163,7 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
 
 
 def slope_heights(x: Floats, y: Floats, slope: float, azimuth: float) -> Floats:
-    """Return the height of plane ground above the tower's base, which falls by `slope` towards `azimuth`. [m, deg]"""
+    """Return the height above the tower's base [m] of a plane that descends by `slope` towards `azimuth` [deg]."""
     down = math.radians(azimuth)
     return -math.tan(math.radians(slope)) * (math.sin(down) * x + math.cos(down) * y)
 
@@ -172,8 +172,8 @@ def slope_heights(x: Floats, y: Floats, slope: float, azimuth: float) -> Floats:
 def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
     """Read a grid of heights as a bilinear function of (y, x) relative to a tower; NaN outside the grid. [m]
 
-    Raises StudyError with the key ``terrain.file`` if the file is neither NetCDF nor GeoTIFF, or not a grid over x and
-    y.
+    Raises a StudyError for the key ``terrain.file`` if the file is neither NetCDF nor GeoTIFF, or contains no grid over
+    x and y.
     """
     need, form = _checker(path, "terrain.file"), "a file"
     try:
@@ -197,7 +197,7 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
 
 
 def _netcdf(path: Path, need: _Need) -> _Grid:
-    """Return the grid of a NetCDF file."""
+    """Read the grid in a NetCDF file."""
     from heliosweep.files import LIBRARY_LOCK
 
     with LIBRARY_LOCK, xr.open_dataset(path, engine="netcdf4", decode_times=False, lock=LIBRARY_LOCK) as data:
@@ -221,7 +221,7 @@ def _check_size(cells: int, need: _Need) -> None:
 
 
 def _geotiff(path: Path, need: _Need) -> _Grid:
-    """Return the grid of a GeoTIFF file, NaN for missing heights."""
+    """Read the grid in a GeoTIFF file; missing heights are NaN."""
     try:
         import rasterio
     except ImportError:
@@ -243,9 +243,9 @@ def _geotiff(path: Path, need: _Need) -> _Grid:
 
 
 def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:
-    """Return the heights of the ground at all positions above the ground at the tower, from `read_heights`. [m]
+    """Return ground heights at positions relative to the ground at the tower; `heights` is from `read_heights`. [m]
 
-    Raises StudyError with the key ``terrain.file`` if a height is missing.
+    Raises a StudyError for the key ``terrain.file`` if a height is missing.
     """
     found: Floats = heights((y, x)) - heights((0.0, 0.0))
     if (missing := int(np.isnan(found).sum())) > 0:

@@ -1,14 +1,15 @@
-"""Heliostat layouts: positions in a fixed order, properties of single heliostats, and checks before a run.
+"""Heliostat layouts: positions in a fixed order, properties of each heliostat, and checks before a run.
 
-A CSV table has a row for each heliostat. Tables of SolarPILOT, OpenCSP and solsticepy can be read as well. The header
-is the first line with titles for ``x`` and ``y`` (``Pos-x``, ``X Position (m)``, ...). Lines before the header, such as
-the parameters of SolarPILOT's exports, are ignored. Lengths in other units are converted to metres, according to the
-titles or a row of units below the header (solsticepy).
+A CSV table contains one row for each heliostat. Tables of SolarPILOT, OpenCSP and solsticepy can also be read. The
+header is the first line with titles for ``x`` and ``y`` (``Pos-x``, ``X Position (m)``, ...). Lines before the header,
+such as the parameters in SolarPILOT's exports, are ignored. Lengths are converted to metres if the titles, or a row of
+units below the header (solsticepy), specify another unit.
 
-A table without a header is SolarPILOT's user-defined layout (`SolarField::parseHeliostatXYZFile` in NREL's ssc):
-template, x, y, z [m], then two focal lengths [m], a canting vector and an aim point [m], each given or ``NULL``. In
-SolarPILOT, z is the height of the mirror's centre above the centre of a mirror at the tower's foot. If all pivots are
-equally high, this is z of this package, the height of the heliostat's base above the tower's base.
+A table without a header is read as SolarPILOT's user-defined layout (`SolarField::parseHeliostatXYZFile` in NREL's
+ssc). Its columns are template, x, y, z [m], two focal lengths [m], a canting vector and an aim point [m]. The columns
+after z may be ``NULL``. In SolarPILOT, z is the height of the mirror's centre above the centre of a mirror at the
+tower's foot. If all pivots are equally high, this equals z in this package: the height of the heliostat's base above
+the tower's base.
 """
 
 from __future__ import annotations
@@ -41,24 +42,24 @@ from heliosweep.lazy import scipy
 
 #: Maximum number of heliostats of a layout.
 MAX_HELIOSTATS = 1_000_000
-#: Maximum number of listed problems of one kind; further problems are only counted.
+#: Maximum number of problems of one kind that are listed; additional problems are only counted.
 MAX_LISTED = 20
-#: Distance from the tower beyond which coordinates are probably map coordinates, or in another unit. [m]
+#: Distance from the tower beyond which coordinates are probably map coordinates or in a wrong unit. [m]
 FARTHEST = 100e3
-#: Maximum number of heliostats for which computing all distances takes less time than importing SciPy.
+#: Maximum number of heliostats for which computing all distances is faster than importing SciPy.
 FEW = 500
-#: Value of a key of the study that selects the column of the layout.
+#: Value of a study key that selects the layout column.
 LAYOUT = "layout"
 _POSITION = ("x", "y", "z")
 
 
 class Property(NamedTuple):
-    """A column of a layout that affects results, with a value for each heliostat."""
+    """Layout column that affects results, with a value for each heliostat."""
 
-    #: Key of the study with one value for all heliostats; empty if there is none.
+    #: Study key with one value for all heliostats; empty if there is none.
     key: str
     unit: str
-    #: Exclusive lower bound; or `least`, an inclusive lower bound.
+    #: Exclusive lower bound; slightly negative if 0 is allowed.
     above: float
     most: float
     #: True if the column has an effect only with ``optics``.
@@ -82,7 +83,7 @@ PROPERTIES = {
     "error_u": Property("", "mrad", -100.000001, 100.0),
     "error_v": Property("", "mrad", -100.000001, 100.0),
 }
-#: Columns whose names in a result begin with ``heliostat_``, because keys of the study use the short names.
+#: Columns that are prefixed with ``heliostat_`` in a result, because study keys use the short names.
 NAMED_BY_HELIOSTAT = ("width", "height", "pivot_height", "reflectivity", "cleanliness", "slope_error", "availability")
 
 
@@ -90,30 +91,30 @@ NAMED_BY_HELIOSTAT = ("width", "height", "pivot_height", "reflectivity", "cleanl
 class Layout:
     """Positions and properties of the heliostats of a field.
 
-    Heliostats have the order of the dimension ``heliostat`` in the result. All arrays are read-only copies.
+    Heliostats are in the order of the dimension ``heliostat`` in the result. All arrays are read-only copies.
 
     Parameters
     ----------
     x, y, z : array_like, shape (heliostat,)
-        Position of the base of each heliostat: east, north and up from the base of the tower. [m]
+        Position of each heliostat's base east, north and up from the base of the tower. [m]
     columns : mapping of str to array, optional
-        Properties of each heliostat (`PROPERTIES`), and labels such as its name, as float64, int64 or str arrays. They
+        Properties (`PROPERTIES`) and labels of each heliostat, such as its name, as float64, int64 or str arrays. They
         become coordinates of the result.
     name : str, optional
-        Name of the file as given by the user, or of the generator.
+        Name of the file as given by the user, or name of the generator.
     lines : array_like of int, shape (heliostat,), optional
-        Line of each heliostat in the file, counted from 1, or None for a generated layout.
+        Line number of each heliostat in the file, counted from 1; None for a generated layout.
     notes : tuple of str, optional
-        Comments before the table in a CSV file.
+        Comments that precede the table in a CSV file.
     numbers : array_like of int, shape (heliostat,), optional
-        Row of each heliostat in the full layout, if this layout is a part (default: 0, 1, ...).
+        Row of each heliostat in the full layout if this layout is a part of it (default: 0, 1, ...).
     labels : tuple of str, optional
         Titles of the columns that do not affect results.
 
     Raises
     ------
     ValueError
-        If the arrays differ in length or are not one-dimensional.
+        If the arrays have different lengths or are not one-dimensional.
     """
 
     x: NDArray[np.float64]
@@ -144,9 +145,10 @@ class Layout:
         return self.x.size
 
     def matches(self, labels: Sequence[str]) -> NDArray[np.int64]:
-        """Return the index of each heliostat in `labels`, -1 if it is not listed, shape (heliostat,).
+        """Return the index of each heliostat in `labels`, or -1 if it is not listed, shape (heliostat,).
 
-        A label is the `name` of a heliostat, otherwise its `id`, or its number if no other heliostat has this name.
+        A heliostat is listed by its `name`, otherwise by its `id`, or by its number if no other heliostat has this
+        name.
         """
         column = self.columns.get(label_of(self.columns), np.full(len(self), ""))
         names, index = [*map(str, column)], {label: at for at, label in enumerate(labels)}
@@ -155,7 +157,7 @@ class Layout:
         return np.array([index.get(name, numbers.get(number, -1)) for name, number in pairs], np.int64)
 
     def where(self, row: int) -> str:
-        """Return the name of a heliostat for messages: its index, counted from 0, and its line if it has one."""
+        """Return the name of a heliostat for messages: its index, counted from 0, and its line if known."""
         return f"heliostat {self.numbers[row]}" + ("" if self.lines is None else f" (line {self.lines[row]})")
 
     def part(self, rows: NDArray[np.int64]) -> Layout:
@@ -173,11 +175,11 @@ class Layout:
         Parameters
         ----------
         name : str
-            Column, one of `PROPERTIES`.
+            Name of a column in `PROPERTIES`.
         given : float, optional
-            Value of the study for all heliostats; None or ``"layout"`` selects the column.
+            Value in the study for all heliostats; None or ``"layout"`` selects the column.
         otherwise : float
-            Value if there is neither a given value nor a column.
+            Value used if there is neither a value in the study nor a column.
 
         Returns
         -------
@@ -189,7 +191,7 @@ class Layout:
         return np.full(len(self), float(given))
 
     def focal_lengths(self, focus: float | str | None, slant: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the focal lengths of each mirror along its width and height, infinite for flat mirrors.
+        """Return the focal lengths of each mirror along its width and height; infinite for flat mirrors.
 
         Parameters
         ----------
@@ -201,7 +203,8 @@ class Layout:
 
         Returns
         -------
-        ndarray, shape (heliostat, 2) Focal lengths. [m]
+        ndarray, shape (heliostat, 2)
+            Focal lengths. [m]
         """
         words = {"flat": np.full(len(self), np.inf), "slant": slant}
         if focus in words:
@@ -210,12 +213,12 @@ class Layout:
 
 
 def label_of(columns: Container[Any]) -> str:
-    """Return the name of the column or coordinate that labels the heliostats: names, otherwise ids."""
+    """Return the name of the column or coordinate that labels the heliostats: ``name``, otherwise ``id``."""
     return next((key for key in ("name", "id") if key in columns), "heliostat")
 
 
 def check_property(layout: Layout, name: str) -> list[Problem]:
-    """Return a problem for each heliostat with an unusable value of a property, such as a missing one."""
+    """Return a problem for each heliostat whose value of a property is missing or invalid."""
     if name not in layout.columns:
         return [Problem(f"has no column {name}", file=layout.name)]
     bounds, values = PROPERTIES[name], layout.columns[name]
@@ -231,20 +234,20 @@ def check_property(layout: Layout, name: str) -> list[Problem]:
 
 
 def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> list[tuple[int, int, float]]:
-    """Find pairs of heliostats that are closer than a limit.
+    """Find pairs of heliostats that are closer together than a limit.
 
     Parameters
     ----------
     x, y, z : array_like, shape (heliostat,)
         Finite positions. [m]
     limit : array_like, shape (heliostat,) or scalar
-        Minimum distance between centres; for two different heliostats, the mean of both limits. [m]
+        Minimum distance between centres. For heliostats with different limits, the mean of both limits is used. [m]
 
     Returns
     -------
     list of (int, int, float)
-        Rows of each pair (lower row first) and their distance [m], ordered by distance. Each heliostat is compared with
-        its 7 nearest neighbours.
+        Rows of each pair (lower row first) and the distance between both heliostats [m], ordered by distance. Each
+        heliostat is compared only with its 7 nearest neighbours.
     """
     points = np.column_stack([np.asarray(axis, float) for axis in (x, y, z)])
     if len(points) < 2:
@@ -265,7 +268,7 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> lis
 
 
 def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[list[Problem], list[Problem]]:
-    """Check that the heliostats of a layout have space to rotate.
+    """Check that the heliostats of a layout have enough space to rotate.
 
     Parameters
     ----------
@@ -276,11 +279,11 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     Returns
     -------
     problems : list of Problem
-        Problems are: no heliostats, coordinates that are not numbers or beyond any field, two heliostats at one
-        position, and centres closer than the shorter side of the mirrors.
+        Problems are reported if there are no heliostats, if coordinates are not finite or unrealistically large, if two
+        heliostats have equal positions, and if centres are closer than the shorter side of the mirrors.
     warnings : list of Problem
-        One warning if centres are closer than the diagonal, because only then can two freely rotating mirrors touch.
-        The actual orientations in a study are not checked.
+        One warning if centres are closer than the diagonal of the mirrors, because two freely rotating mirrors could
+        then touch. Actual orientations in a study are not checked.
     """
     if not len(layout):
         return [Problem("the layout has no heliostats", file=layout.name)], []
@@ -332,7 +335,7 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
 
 
 def _listed(layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: Iterable[str]) -> list[Problem]:
-    """Return a problem for each of the first rows, and a problem with the number of the other rows."""
+    """Return one problem for each of the first rows, and one problem that counts the remaining rows."""
     problems = (
         Problem(f"heliostat {row} {message}", "", layout.name, None if layout.lines is None else int(layout.lines[row]))
         for row, message in zip(rows, messages, strict=True)
@@ -340,16 +343,16 @@ def _listed(layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: I
     return listed(problems, MAX_LISTED, len(rows), "more problems of this kind")
 
 
-#: Columns of SolarPILOT's user-defined layout. After the fourth column, each group is complete or absent.
+#: Columns of SolarPILOT's user-defined layout. Each group after the fourth column is either complete or absent.
 SOLARPILOT_COLUMNS = (
     *("template", "x", "y", "z"),
     *("focal_x", "focal_y"),
     *("cant_i", "cant_j", "cant_k"),
     *("aim_x", "aim_y", "aim_z"),
 )
-#: Titles of a common focal length for both directions.
+#: Titles of a column that contains one focal length for both directions.
 _BOTH = ("foc", "focus", "focallength")
-#: Columns by their titles without blanks and punctuation. SolarPILOT uses the titles ``Loc. X`` in its layout,
+#: Columns, by their titles without spaces and punctuation. SolarPILOT uses the titles ``Loc. X`` in its layout,
 #: ``Pos-x`` in its exports and ``x_location`` in its Python interface.
 _TITLES = {
     **{name.replace("_", ""): name for name in (*PROPERTIES, *SOLARPILOT_COLUMNS)},
@@ -372,24 +375,25 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     Parameters
     ----------
     path : path
-        File with the columns ``x`` and ``y``, the position east and north of the tower's base [m], and optionally
-        ``z``, the height [m, default 0], properties of the heliostats (`heliosweep.layouts.layout.PROPERTIES`) and
-        labels; or another table described in the docstring of this module. Empty lines and lines that start with ``#``
+        File with the columns ``x`` and ``y``, the position east and north of the tower's base [m]. Optional columns are
+        ``z``, the height [m, default 0], properties of the heliostats (`heliosweep.layouts.layout.PROPERTIES`), and
+        labels. Other tables are described in the docstring of this module. Empty lines and lines that start with ``#``
         are skipped.
     reserved : collection of str
-        Reserved names of the result: labels with these names are prefixed with ``layout_``.
+        Reserved names in the result. Labels with these names are prefixed with ``layout_``.
     name : str, optional
         Name of the file in messages (default: `path`).
 
     Returns
     -------
     Layout
-        Layout in the order of the file. Titles of labels are converted to names (``Num. Facets``: ``num_facets``).
+        Layout in the order of the file. Titles of labels are converted to names (``Num. Facets`` to ``num_facets``).
 
     Raises
     ------
     StudyError
-        If the file cannot be read or is not such a table. The message lists all bad rows with file, line and column.
+        If the file cannot be read or contains no valid table. The message lists all invalid rows with file, line and
+        column.
     """
     name = str(path) if name is None else name
     return read_text(table_text(Path(path), name), name, reserved)
@@ -421,7 +425,7 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
 def _with_header(lines: list[int], texts: list[str], separator: str) -> tuple[list[int], list[str]]:
     """Add a header to a user-defined layout of SolarPILOT, and fill short rows with ``NULL``.
 
-    Return other lines unchanged.
+    Lines of any other table are returned unchanged.
     """
     rows = [line.rstrip(f" {separator}").split(separator) for line in texts]
     if len(rows[0]) < 4 or not rows[0][0].strip().isdecimal() or not np.isfinite(numbers(rows[0][1:4])).all():
@@ -464,7 +468,7 @@ def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) ->
 
 def _keys_of(header: Sequence[str], titles: Sequence[str], reserved: Collection[str]) -> list[str]:
     keys: list[str] = []
-    # OpenCSP's tables, which have the column pivot_offset, contain the positions of the pivots.
+    # Positions in OpenCSP's tables, which have the column pivot_offset, are pivot positions.
     pivots = "pivot_offset" in map(variable_name, header)
     for place, (title, name) in enumerate(zip(header, titles, strict=True)):
         key = _TITLES.get(_letters(name), "")
@@ -491,23 +495,23 @@ def _scales_of(table: Table, keys: Sequence[str], units: Sequence[str]) -> dict[
 
 
 def _typed(texts: list[str]) -> NDArray | None:
-    """Return a column as int64, as float64 with NaN for gaps, or as text; None if it is empty or ``NULL``."""
+    """Return a column as int64, as float64 with NaN for gaps, or as strings; None if it is empty or ``NULL``."""
     if set(texts) <= {"", "NULL"}:
         return None
     values, words = numbers(texts), np.array([text[:100] for text in texts], str)
     known = np.isfinite(values)
     gaps = {"", "-", "na", "n/a", "nan", "null", "none", "inf", "infinity", "-inf"}
-    coded = re.search(r"(^|,)\s*[+-]?0[0-9]", ",".join(texts))  # a leading zero, as in 007, marks a name
+    coded = re.search(r"(^|,)\s*[+-]?0[0-9]", ",".join(texts))  # values with leading zeros, such as 007, are names
     if not known.any() or not {text.lower() for text in words[~known]} <= gaps or coded:
         return words
     if not known.all() or not re.fullmatch(r"[0-9+\-\s]*", "".join(texts)):
         return np.where(known, values, np.nan)
     integers = np.array(list(map(int, texts)))
-    return integers if integers.dtype == np.int64 else words  # integers beyond 64 bits would lose digits as floats
+    return integers if integers.dtype == np.int64 else words  # longer integers would lose digits as floats
 
 
 def _is_header(line: str) -> bool:
-    """Return True if the line has titles of the columns x and y."""
+    """Return True if the line contains titles of the columns x and y."""
     names = (split_title(title.strip())[0] for title in line.split(separator_of(line)))
     return {"x", "y"} <= {_TITLES.get(_letters(name)) for name in names}
 
@@ -517,11 +521,11 @@ def _letters(title: str) -> str:
 
 
 def write_csv(layout: Layout, path: str | Path) -> None:
-    """Write a layout, which `read_csv` reads with identical numbers; an existing file is replaced.
+    """Write a layout to a CSV file, from which `read_csv` restores identical numbers; replace an existing file.
 
-    The file appears under its name only when it is complete. The notes of the layout are comments before the table.
-    Text that looks like a number is read as a number. Raises HeliosweepError if the file cannot be written; partial
-    files are removed.
+    The file appears under its name only when it is complete. The layout's notes are written as comments before the
+    table. Text that looks like a number will be read as a number. Raises HeliosweepError if the file cannot be written;
+    partial files are removed.
     """
     columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
     rows = zip(*(_cells(values, "") for values in columns.values()), strict=True)
@@ -529,12 +533,11 @@ def write_csv(layout: Layout, path: str | Path) -> None:
 
 
 def write_solarpilot(layout: Layout, path: str | Path) -> None:
-    """Write SolarPILOT's user-defined layout, which `read_csv` reads with identical numbers.
+    """Write SolarPILOT's user-defined layout, from which `read_csv` restores identical numbers.
 
-    The table contains positions and the `SOLARPILOT_COLUMNS` of the layout, and cannot contain further columns.
-    Heliostats with equal mirror sizes have the same template. An existing file is replaced when the new file is
-    complete. Raises StudyError if one of these columns contains text, and HeliosweepError if the file cannot be
-    written.
+    The table contains positions and the `SOLARPILOT_COLUMNS` of the layout; other columns are omitted. Heliostats with
+    equal mirror sizes have equal templates. An existing file is replaced when the new file is complete. Raises
+    StudyError if one of these columns contains text, and HeliosweepError if the file cannot be written.
     """
     given = {key: values for key, values in layout.columns.items() if key in SOLARPILOT_COLUMNS}
     for key, values in given.items():

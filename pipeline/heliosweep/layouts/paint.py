@@ -1,18 +1,20 @@
 """Measured fields and spots from PAINT, the database of the Jülich solar tower.
 
-A folder contains one file ``*tower-measurements.json``, and a file ``*heliostat-properties.json`` for each heliostat.
-The name of the heliostat is the name of its subfolder, or the part of the file name before a hyphen, as in
-``AA39-heliostat-properties.json``. Positions are latitude, longitude [deg] and height [m] of WGS84. They are converted
-to metres towards east, north and up (`local_positions`). The data are described in doi 10.1038/s41560-026-02070-1. This
-package models a heliostat as a rectangle with a grid of equal facets that are canted on axis, and a target as a
-rectangle. `Plant.notes` lists the differences.
+A folder contains one file ``*tower-measurements.json``, and a file ``*heliostat-properties.json`` for each heliostat. A
+heliostat's name is the name of its subfolder, or the part of the file name before a hyphen, as in
+``AA39-heliostat-properties.json``. Positions are WGS84 latitudes and longitudes [deg] and heights [m]. They are
+converted to metres towards east, north and up (`local_positions`). The data are described in doi
+10.1038/s41560-026-02070-1. This package models a heliostat as a rectangle with a grid of equal facets that are canted
+on axis, and a target as a rectangle. `Plant.notes` lists the differences.
 
-A file ``*calibration-properties*.json`` contains one measured spot, with the positions of both motors, the sun, the
-target and the centre of the spot. The heliostat is given by the name of the file
-(``AA39-calibration-properties_1.json``), otherwise by its folder or the folder above; otherwise it is the only
-heliostat. The first axis of these mounts is horizontal and points east, and the second is mounted on it. The mirror
-faces up if both angles are zero. They are therefore ``tilt_roll`` mounts with ``axis_azimuth: 90``. The primary angle
-is minus the first angle of PAINT, and the secondary angle is its second angle. Azimuths of the sun are measured from
+A file ``*calibration-properties*.json`` contains one measured spot, with the positions of both motors, the sun
+position, the target and the centre of the spot. The heliostat is identified by the file name
+(``AA39-calibration-properties_1.json``), otherwise by the folder of the file or its parent folder. If there is only one
+heliostat, no name is needed.
+
+The first axis of these mounts is horizontal and points east. The second axis is mounted on the first. The mirror faces
+up if both angles are zero. The mounts are therefore ``tilt_roll`` mounts with ``axis_azimuth: 90``. The primary angle
+is minus PAINT's first angle, and the secondary angle is PAINT's second angle. Azimuths of the sun are measured from
 south, positive towards *east*, as in ARTIST. Only this convention reproduces the spots from the motor positions.
 """
 
@@ -39,14 +41,14 @@ from heliosweep.sun import direction
 
 #: Semi-major axis [m] and flattening of the ellipsoid WGS84.
 SEMI_MAJOR_AXIS, FLATTENING = 6378137.0, 1 / 298.257223563
-#: Columns of a layout with the motor steps per degree of the primary and secondary angle.
+#: Layout columns that contain the motor steps per degree of the primary and secondary angles.
 STEPS = ("azimuth_steps", "elevation_steps")
-#: Evaluations of the centres of spots; the first is the default.
+#: Image evaluations that provide spot centres; the first is the default.
 EVALUATIONS = ("UTIS", "HeliOS")
 
-#: Tolerance of facet centres and sizes in a grid. [m]
+#: Tolerance for facet centres and sizes in a regular grid. [m]
 _OFF_GRID = 5e-3
-#: Decimals of lengths in fields (a micrometre) and of numbers in tables of spots.
+#: Number of decimals of lengths in fields (1 micrometre) and of numbers in spot tables.
 _DIGITS, _SPOT_DIGITS = 6, 9
 _PROPERTIES, _SPOTS, _TOWER = "heliostat-properties.json", "calibration-properties", "*tower-measurements.json"
 _SOURCE = (
@@ -56,33 +58,33 @@ _SOURCE = (
 
 
 class Plant(NamedTuple):
-    """A measured field, in the form of a study."""
+    """Measured field in the form of study blocks."""
 
-    #: Pivots of the heliostats relative to the point below the target's centre, with mirrors, ``id`` and
+    #: Heliostat pivots relative to the point below the target's centre, with mirror sizes, ``id`` and
     #: ``canting_distance``.
     layout: Layout
-    #: Block ``site``: the origin of the plant.
+    #: Block ``site`` with the origin of the plant.
     site: dict[str, Any]
-    #: Block ``heliostat`` without sizes, which are columns of the layout, and without the unknown focus.
+    #: Block ``heliostat`` without sizes, which are layout columns, and without the focus, which is unknown.
     heliostat: dict[str, Any]
-    #: Block ``receiver``: the target.
+    #: Block ``receiver`` that describes the target.
     receiver: dict[str, Any]
-    #: Contents of the folder, and properties that a study cannot express.
+    #: Summary of the folder's contents, and properties that a study cannot express.
     notes: tuple[str, ...]
     #: Distance of each mirror's surface from its pivot. [m]
     offsets: tuple[float, ...] = ()
 
 
 class PaintSpots(NamedTuple):
-    """Measured spots of a field, for a study of the family `misalignment`."""
+    """Measured spots of a field for a study of the family `misalignment`."""
 
-    #: The field, aimed at the target whose plane contains the spots.
+    #: Field aimed at the target whose plane contains the spots.
     plant: Plant
     #: Block ``mount``.
     mount: dict[str, Any]
-    #: Columns of ``calibration.spots``: positions and offsets in m, sun vectors, angles in deg.
+    #: Columns of ``calibration.spots``: positions and offsets [m], sun vectors [1] and angles [deg].
     columns: dict[str, NDArray[Any]]
-    #: Origin of the spots, and the blocks of a study.
+    #: Comments on the origin of the spots, and the study blocks.
     notes: tuple[str, ...]
 
 
@@ -94,16 +96,17 @@ def local_positions(place: ArrayLike, origin: Sequence[float]) -> Floats:
     place : array_like, shape (..., 3)
         Latitude and longitude [deg] and height above the ellipsoid WGS84 [m].
     origin : sequence of float
-        Latitude, longitude [deg] and height [m] of the origin.
+        Latitude and longitude [deg] and height [m] of the origin.
 
     Returns
     -------
     ndarray, shape (..., 3)
-        Position towards east, north and up, relative to the origin. [m]
+        Position east, north and up relative to the origin. [m]
 
     Notes
     -----
-    The conversion is exact, from geographic to geocentric and then to topocentric coordinates, by methods 9602 and 9836
+    The conversion from geographic to geocentric and then to topocentric coordinates is exact. It uses methods 9602 and
+    9836
     of IOGP (2019), Geomatics guidance note 7-2.
     """
     latitude, longitude = np.radians(origin[:2])
@@ -123,7 +126,7 @@ def _geocentric(place: Floats) -> Floats:
 
 
 class _Record(Block):
-    """A JSON file of PAINT, or a part of a file. Undeclared keys are ignored."""
+    """A PAINT JSON file, or a part of it. Undeclared keys are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -143,7 +146,7 @@ def _number(unit: str, low: float, high: float, meaning: str = "") -> Quantity:
 
 
 def _record(base: type[_Record] = _Record, /, **keys: Any) -> Any:
-    """Return the class of a record with required keys, which have a type or a declared number."""
+    """Return the class of a record with required keys, each declared by a type or a number."""
     fields: Any = {
         key: (Annotated[float, kind] if isinstance(kind, Quantity) else kind, ...) for key, kind in keys.items()
     }
@@ -185,10 +188,10 @@ _ACTUATOR: Any = _record(
 
 
 class Actuator(_ACTUATOR):
-    """A linear actuator, which is one side of a triangle and rotates a joint.
+    """Linear actuator that forms one side of a triangle and rotates a joint.
 
-    The other two sides, `offset` and `pivot_radius`, meet at the joint. The stroke is `initial_stroke_length` with the
-    motor at 0, and increases by 1 / `increment` for each count.
+    The other two sides, `offset` and `pivot_radius`, meet at the joint. The stroke is `initial_stroke_length` at motor
+    position 0, and increases by 1 / `increment` with each motor count.
     """
 
     def rules(self) -> Iterator[Fault]:
@@ -204,7 +207,7 @@ class Actuator(_ACTUATOR):
         return math.acos(cosine) if abs(cosine) <= 1 and stroke > 0 else math.nan
 
     def joint_angle(self, counts: float) -> float:
-        """Return the angle of the joint at a motor position; NaN if the stroke does not form a triangle. [rad]"""
+        """Return the angle of the joint at a motor position; NaN if there is no triangle with this stroke. [rad]"""
         sense = 1.0 if self.clockwise_axis_movement else -1.0
         return self.initial_angle + sense * (self.opening(0) - self.opening(counts))
 
@@ -222,7 +225,7 @@ _JOINTS = _record(kinematics_properties=_record(actuators=tuple[_ACTUATORS, ...]
 
 
 def _read_record(path: Path, kind: Any) -> Any:
-    """Read a JSON file. Raises StudyError with all problems and their lines."""
+    """Read a JSON file. Raises a StudyError that lists every problem with its line."""
     source = read(path)  # JSON is a subset of YAML
     try:
         return kind.model_validate(source.data)
@@ -232,18 +235,18 @@ def _read_record(path: Path, kind: Any) -> Any:
 
 
 def _need(good: Any, path: Path, keys: tuple[str, ...], message: str) -> None:
-    """Raise StudyError with the line of a key in a file if a requirement is not met."""
+    """Raise a StudyError that refers to the line of a key in a file if a requirement is not met."""
     if not good:
         raise StudyError(read(path).problem(keys, message))
 
 
 def _files(folder: Path, pattern: str) -> list[Path]:
-    """Return the files of a folder and its subfolders that match a pattern, ordered by name."""
+    """Return the files in a folder and its subfolders that match a pattern, ordered by depth and name."""
     return [path for depth in range(4) for path in sorted(folder.glob("*/" * depth + pattern))]
 
 
 def _heliostat_files(folder: Path) -> dict[str, Path]:
-    """Return the properties file of each heliostat, ordered by name of the heliostat. Raises StudyError."""
+    """Return the properties file of each heliostat, ordered by heliostat name. Raises StudyError."""
     files, problems = dict[str, Path](), []
     for path in _files(folder, f"*{_PROPERTIES}"):
         name = path.name.removesuffix(_PROPERTIES).rstrip("-_") or path.parent.name
@@ -259,7 +262,7 @@ def _heliostat_files(folder: Path) -> dict[str, Path]:
 
 
 def _each(paths: Iterable[Path], read_file: Any) -> list[Any]:
-    """Read files. Raises StudyError with the problems of all files."""
+    """Read files. Raises a StudyError that lists the problems in all files."""
     records, problems = [], list[Problem]()
     for path in paths:
         try:
@@ -280,20 +283,20 @@ def _block_lines(blocks: dict[str, Any]) -> Iterator[str]:
 
 
 def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plant:
-    """Read a folder of PAINT, the database of the Jülich solar tower.
+    """Read a folder with data from PAINT, the database of the Jülich solar tower.
 
     Parameters
     ----------
     folder : path
         Folder with one file ``*tower-measurements.json``, and a file ``*heliostat-properties.json`` for each heliostat.
     target : str
-        Name of the measured target at which the heliostats aim.
+        Name of the target at which the heliostats aim.
 
     Returns
     -------
     Plant
-        The `layout`, for `write_layout`, the blocks `site`, `heliostat` and `receiver` of a study, and `notes` on the
-        differences. The origin is below the centre of the target, at the height of the plant.
+        The `layout` (for `write_layout`), the study blocks `site`, `heliostat` and `receiver`, and `notes` on the
+        differences between plant and study. The origin is below the centre of the target, at the height of the plant.
 
     Raises
     ------
@@ -343,10 +346,10 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
 
 
 def _read_tower(folder: Path, target: str) -> tuple[tuple[float, ...], dict[str, Any], Floats, str]:
-    """Read a target of the tower. Raises StudyError with the lines of the file.
+    """Read one target of the tower. Raises a StudyError that refers to lines of the file.
 
-    Returns latitude, longitude [deg] and height [m] of the plant, the block of a study, the centre of the target, shape
-    (3,) [m], and a note on the curvature of the target, which the block does not include.
+    Returns the latitude, longitude [deg] and height [m] of the plant, the study block, the centre of the target, shape
+    (3,) [m], and a note on the curvature of the target, which the block omits.
     """
     towers = _files(folder, _TOWER)
     if len(towers) != 1:
@@ -386,7 +389,7 @@ class _Mirror(NamedTuple):
     height: float
     #: Columns, rows and gap of the facets. [1, 1, m]
     grid: tuple[int, int, float]
-    #: Distance for which the facets are canted on axis; 0 if they are not canted. [m]
+    #: Distance for which the facets are canted on axis; 0 if facets are not canted. [m]
     canting_distance: float
     #: Distance of the mirror's surface from the pivot. [m]
     offset: float
@@ -396,7 +399,7 @@ class _Mirror(NamedTuple):
     slopes: Floats
 
     def canting_error(self, distance: float) -> float:
-        """Return the maximum angle between the normals of facets and on-axis canting for a distance. [rad]"""
+        """Return the maximum angle between facet normals and on-axis canting for a distance. [rad]"""
         aimed = self.centres * (0.5 / distance if distance else 0.0)
         return float(np.max(np.sqrt(np.sum((self.slopes - aimed) ** 2, axis=1))))
 
@@ -421,7 +424,7 @@ def _mirror(path: Path, origin: Sequence[float]) -> _Mirror:
 
 
 def _grid(centres: Floats, sizes: Floats, sides: tuple[float, float]) -> Any:
-    """Return the columns, rows and gap of facets [1, 1, m], or None if facets are not a regular grid."""
+    """Return the columns, rows and gap of the facets [1, 1, m], or None if they do not form a regular grid."""
     counts = np.array([np.unique((centres[:, axis] / _OFF_GRID).round()).size for axis in (0, 1)])
     pitch = (np.array(sides) - sizes.mean(axis=0)) / np.maximum(counts - 1, 1)
     gaps = (pitch - sizes.mean(axis=0))[counts > 1]
@@ -443,19 +446,20 @@ def read_paint_spots(
     Parameters
     ----------
     folder : path
-        As in `read_paint`, with ``*calibration-properties.json`` for each spot in the folder of its heliostat.
+        Folder as in `read_paint`, with a file ``*calibration-properties.json`` for each spot in the folder of its
+        heliostat.
     target : str
-        Target whose centre is the origin of the spots and whose plane contains them. Spots on other targets are moved
-        to this plane along their beam from the mirror's centre. This is exact except for the residual of the fit, which
-        grows in proportion to the distance.
+        Target whose centre is the origin of the spot coordinates, and whose plane contains the spots. Spots on other
+        targets are moved to this plane along the beam from the mirror's centre. This is exact except for the residual
+        of the fit, which grows in proportion to the distance.
     evaluation : {"UTIS", "HeliOS"}
-        Evaluation of the images.
+        Image evaluation that provides the spot centres.
 
     Returns
     -------
     PaintSpots
-        The `columns` of ``calibration.spots``, the block `mount`, the `plant` from `read_paint`, and `notes`.
-        Heliostats are identified by the column ``id`` of the layout. Heliostats without linear actuators are omitted.
+        The `columns` of ``calibration.spots``, the block `mount`, the `plant` as returned by `read_paint`, and `notes`.
+        Heliostats are identified by the layout column ``id``. Heliostats without linear actuators are omitted.
 
     Raises
     ------
@@ -486,7 +490,7 @@ def read_paint_spots(
     for name in names:
         means = counts[columns["heliostat"] == name].mean(axis=0).tolist()
         steps[list(files).index(name)] = [joint.steps(at) for joint, at in zip(mirrors[name][0], means, strict=True)]
-    # The primary angle is minus the first angle of PAINT.
+    # The primary angle is minus PAINT's first angle.
     labels = dict(zip(STEPS, (steps * (-1.0, 1.0)).round(3).T, strict=True))
     plant = plant._replace(layout=replace(plant.layout, columns={**plant.layout.columns, **labels}))
     mean = float(np.mean([mirrors[name][2] for name in names]))
@@ -506,7 +510,7 @@ def read_paint_spots(
 
 
 def _remedy(strays: Sequence[Path], others: Sequence[str], names: Iterable[str]) -> str:
-    """Return the end of a message about a folder without spots that can be used."""
+    """Return the end of the message for a folder without usable spots."""
     if strays:
         name, stray = next(iter(names)), strays[0].name
         return f" of a heliostat: rename {stray} to {name}-{stray}, or put it into a folder {name}"
@@ -514,7 +518,7 @@ def _remedy(strays: Sequence[Path], others: Sequence[str], names: Iterable[str])
 
 
 def _owner(path: Path, names: list[str]) -> str:
-    """Return the heliostat of the file of a spot; empty if unknown."""
+    """Return the name of the heliostat to which a spot file belongs; empty if unknown."""
     only = names if len(names) == 1 else ()
     owners = (path.name.partition(f"-{_SPOTS}")[0], path.parent.name, path.parent.parent.name, *only)
     return next((name for name in owners if name in names), "")
@@ -528,7 +532,7 @@ def _spot(
     receiver: dict[str, Any],
     origins: tuple[tuple[float, ...], Floats],
 ) -> dict[str, Any]:
-    """Read a measurement of a heliostat as a row of the table. Raises StudyError."""
+    """Read one measured spot of a heliostat as a row of the table. Raises StudyError."""
     (joints, pivot, offset), (origin, below) = mirrors[name], origins
     record = _read_record(path, _MEASUREMENT)
     sun = direction(180.0 - record.sun_azimuth, record.sun_elevation)
@@ -539,7 +543,7 @@ def _spot(
         _need(not math.isnan(angle), path, ("motor_position", key), message)
     _need(evaluation in record.focal_spot, path, ("focal_spot",), f"has no {evaluation!r}")
     spot, centre = local_positions(record.focal_spot[evaluation], origin) - below, pivot
-    for _ in range(8):  # each step reduces the error by a factor of some hundreds
+    for _ in range(8):  # each step reduces the error by a factor of a few hundred
         way = spot - centre
         middle = sun + way / math.sqrt(float(np.sum(way**2)))
         centre = pivot + offset * middle / math.sqrt(float(np.sum(middle**2)))

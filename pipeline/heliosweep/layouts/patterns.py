@@ -1,11 +1,12 @@
-"""Generated fields, cut out of infinite patterns: staggered rings, the phyllotaxis spiral and parallel rows.
+"""Generate fields as parts of infinite patterns: staggered rings, the phyllotaxis spiral and parallel rows.
 
 A field of staggered rings consists of zones. All rings of a zone have the same angular pitch, and each ring is rotated
-by half a pitch relative to the previous ring. Every second ring is therefore on the same spokes, and each heliostat
-sees the tower between two heliostats of the previous ring. The distance between neighbours increases outwards, until a
-new zone with a smaller pitch starts. Neighbours in the first ring of a zone, and in successive rings, are one clearance
-apart, as in the field of Chong and Tan [1]_. If blocking is more important than land, the spacing can increase with the
-distance from the tower, by the rule of DELSOL [2]_ or of no blocking [3]_.
+by half a pitch relative to the previous ring. Every second ring therefore has heliostats at the same azimuths, and each
+heliostat sees the tower between two heliostats of the previous ring. The distance between neighbours increases outwards
+until a new zone with a smaller pitch starts. Neighbours in the first ring of a zone, and neighbours in successive
+rings, are one clearance apart, as in the field of Chong and Tan [1]_. If low blocking is more important than a small
+land area, the spacing can increase with the distance from the tower, by the rule of DELSOL [2]_ or by the no-blocking
+rule [3]_.
 
 References
 ----------
@@ -36,26 +37,26 @@ from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 
 GOLDEN = (1 + math.sqrt(5)) / 2
 
-#: Maximum number of positions of a pattern that are examined.
+#: Maximum number of pattern positions that are examined.
 MOST_PLACES = 4 * MAX_HELIOSTATS
 
-#: Spacing within a ring, in clearances, beyond which an automatic zone ends.
+#: Spacing within a ring at which an automatic zone ends, as a multiple of the clearance.
 WIDEST_SPACING = 1.7
 
-#: Relative shortfall of a distance that counts as rounding.
+#: Relative shortfall of a distance that is treated as a rounding error.
 ROUNDING = 1e-12
 
-#: Positions x and y of a pattern within a radius [m], the order of selection of heliostats, and columns.
+#: Pattern positions x and y within a radius [m], the values that order heliostats for selection, and columns.
 Places: TypeAlias = tuple[Floats, Floats, NDArray[Any], dict[str, NDArray[Any]]]
 
 
 class Spacing(NamedTuple):
-    """Minimum distances between rings, and between neighbours of a ring.
+    """Minimum distances between rings and between neighbours within a ring.
 
     Parameters
     ----------
     rule : {"delsol", "no_blocking"}
-        Rule, see `delsol_radial` and `no_blocking_radius`.
+        Spacing rule; see `delsol_radial` and `no_blocking_radius`.
     receiver : float
         Height of the receiver above the mirrors' centres. [m]
     width, height : float
@@ -68,17 +69,17 @@ class Spacing(NamedTuple):
     height: float
 
     def step(self, radius: float) -> float:
-        """Return the distance to the next ring, half the distance to the second next ring on the same azimuths. [m]"""
+        """Return the distance to the next ring: half the distance to the next ring with equal azimuths. [m]"""
         if self.rule == "delsol":
             return delsol_radial(self.elevation(radius), self.height) / 2
         return (no_blocking_radius(radius, self.receiver, self.height) - radius) / 2
 
     def apart(self, radius: float) -> float:
-        """Return the additional distance between neighbours of the first ring of a zone, above the clearance. [m]"""
+        """Return the distance between neighbours that the rule requires in the first ring of a zone, or 0. [m]"""
         return delsol_azimuthal(self.elevation(radius), self.width) if self.rule == "delsol" else 0.0
 
     def reaches(self, radius: float) -> bool:
-        """Return True if the spacing is defined at a radius. [m]"""
+        """Return True if the spacing rule is defined at a radius [m]."""
         return self.rule != "delsol" or self.elevation(radius) > 0.06  # the fit has a pole at 0.049
 
     def elevation(self, radius: float) -> float:
@@ -87,7 +88,7 @@ class Spacing(NamedTuple):
 
 
 def delsol_radial(elevation: float, height: float) -> float:
-    """Return the distance to the next heliostat on the same azimuth, two rings further out.
+    """Return the distance to the next heliostat at the same azimuth, two rings further out.
 
     Parameters
     ----------
@@ -103,8 +104,8 @@ def delsol_radial(elevation: float, height: float) -> float:
 
     Notes
     -----
-    This is the fit of DELSOL3 [2]_ with the coefficients of its code. Publications with 1.44 instead of 1.144 have lost
-    a digit; their other coefficients are the rounded coefficients of the code.
+    This is the fit of DELSOL3 [2]_ with the coefficients in its code. Publications with 1.44 instead of 1.144 have lost
+    a digit. Their other coefficients are rounded from the code.
     """
     t = elevation
     return height * (1.1442399 / math.tan(t) - 1.093519 + 3.0683558 * t - 1.1255617 * t**2)
@@ -113,15 +114,15 @@ def delsol_radial(elevation: float, height: float) -> float:
 def delsol_azimuthal(elevation: float, width: float) -> float:
     """Return the distance between neighbours of a ring by the fit of DELSOL3 for rectangular mirrors. [m]
 
-    Parameters are as in `delsol_radial`, with the width of the mirror. The last term is often printed as 0.2873 m,
-    which is the value for mirrors of 10 m.
+    Parameters are as in `delsol_radial`, but with the width of the mirror instead of its height. The last term is often
+    printed as 0.2873 m, which applies only to mirrors 10 m wide.
     """
     t = elevation
     return width * (1.7490871 + 0.63964099 * t + 0.028726279 / (t - 0.049023315))
 
 
 def no_blocking_radius(radius: float, receiver: float, height: float) -> float:
-    """Return the minimum radius at which a mirror in front at the same azimuth does not block, on level ground.
+    """Return the minimum radius at which a mirror in front, at the same azimuth on level ground, does not block.
 
     Parameters
     ----------
@@ -130,13 +131,13 @@ def no_blocking_radius(radius: float, receiver: float, height: float) -> float:
     receiver : float
         Height of the receiver above the mirrors' centres, more than `height`. [m]
     height : float
-        Maximum visible height of a mirror, seen from the receiver. [m]
+        Maximum visible height of a mirror as seen from the receiver. [m]
 
     Returns
     -------
     float
-        Radius at which the line from the mirror's centre to the receiver passes the centre of the mirror in front at
-        the distance `height`. [m]
+        Radius at which the line from the mirror's centre to the receiver passes the centre of the mirror in front at a
+        distance of `height`. [m]
     """
     h, up = height, receiver
     return (radius * up**2 + up * h * math.sqrt(radius**2 + up**2 - h**2)) / (up**2 - h**2)
@@ -153,41 +154,41 @@ def radial_stagger(
 ) -> Layout:
     """Generate a radial-staggered layout on level ground.
 
-    The layout is symmetric about the north-south line, except for the limits of its region. Exactly one of `rings`,
-    `heliostats` and `zones`, or the reach of the region, specifies the extent of the field. Bounds that study files
-    check, such as positive numbers, are not checked.
+    The layout is symmetric about the north-south line unless its region is not. The extent of the field is specified by
+    exactly one of `rings`, `heliostats` and `zones`, or by the region. Bounds that are checked in study files, such as
+    positive numbers, are not checked here.
 
     Parameters
     ----------
     clearance : float
         Minimum distance between the centres of any two heliostats. [m]
     inner_radius : float, optional
-        Radius of the first ring, at least half a clearance. With `zones` it is optional, and must equal the start of
-        the first zone. [m]
+        Radius of the first ring, at least half a clearance. It may be omitted if `zones` is given; if both are given,
+        it must equal the start of the first zone. [m]
     rings : int, optional
-        Number of rings, in automatic zones.
+        Number of rings in automatic zones.
     heliostats : int, optional
-        Number of heliostats, in automatic zones. Surplus heliostats of the last ring are omitted from south to north on
-        both sides. If the last pair is divided, its eastern heliostat is kept.
+        Number of heliostats in automatic zones. Surplus heliostats of the last ring are removed from south to north on
+        both sides. If only one heliostat of a pair is kept, it is the eastern one.
     zones : sequence of Zone, optional
-        Zones from the tower outwards, as in a study. Each zone starts at least one clearance outside the last ring of
+        Zones from the tower outwards, as in a study. Each zone starts at least one clearance beyond the last ring of
         the previous zone.
     spacing : Spacing, optional
-        Rule for larger distances of rings and neighbours, in automatic zones.
+        Rule for larger distances between rings and between neighbours in automatic zones.
     region : Region, optional
-        Ground for heliostats. Rings keep their numbers of the full field.
+        Ground on which heliostats may be placed. Rings keep their numbers from the full field.
 
     Returns
     -------
     Layout
-        Layout in the order of rings outwards, each ring clockwise from north, with z = 0 and the columns ``ring``,
+        Layout ordered by rings outwards, and clockwise from north within each ring. z is 0. The columns are ``ring``,
         counted from 1, and ``azimuth``, clockwise from north [deg].
 
     Raises
     ------
     StudyError
-        If the parameters are impossible. The key of each problem is the parameter, such as ``zones.1.pitch`` for the
-        second zone.
+        If no field is possible with the parameters. The key of each problem is the parameter, such as ``zones.1.pitch``
+        for the second zone.
 
     Notes
     -----
@@ -195,15 +196,17 @@ def radial_stagger(
 
         r(k+1) = r(k) cos(p/2) + sqrt(c^2 - r(k)^2 sin^2(p/2)),  at least r(k-1) + c,
 
-    so that ring k+1 is one clearance from its neighbours in ring k, and clear of ring k-1 on the same spokes. The pitch
-    of a zone that starts at radius r is 2 asin(c / 2r). If the pitch is within 0.1 % of 360 deg / n, it is set to this
-    value, and the rings are closed, unless heliostats would be too close. Otherwise the rings are filled from north on
-    both sides, at 0, p, 2p, ... or p/2, 3p/2, ..., as long as heliostats are clear across the gap in the south. One
-    more heliostat is due south if it is clear of all others.
+    so that heliostats in ring k+1 are one clearance from their neighbours in ring k, and at least one clearance from
+    ring k-1 at the same azimuths. The pitch of a zone that starts at radius r is 2 asin(c / 2r).
+
+    If the pitch is within 0.1 % of 360 deg / n, it is set to this value and the rings are closed, unless heliostats
+    would be too close together. Otherwise the rings are filled from north on both sides, at 0, p, 2p, ... or p/2, 3p/2,
+    ..., as long as heliostats are one clearance apart across the gap in the south. An additional heliostat is placed
+    due south if it is at least one clearance from all others.
 
     An automatic zone ends before the spacing within a ring exceeds 1.7 clearances, and the next zone starts one
-    clearance further out. If `spacing` is given, it determines the minimum of these distances and the ends of zones,
-    and all rings are closed.
+    clearance further out. If `spacing` is given, it determines the minimum distances and the ends of zones, and all
+    rings are closed.
 
     Examples
     --------
@@ -230,7 +233,7 @@ def radial_stagger(
         azimuth = np.concatenate([np.empty(0), *(ring.azimuths for ring in field)])
         number = np.repeat(np.arange(1, len(field) + 1), sizes)
         distance = np.repeat([ring.radius for ring in field], sizes)
-        # East and west are exactly symmetric. The eastern heliostat of a pair comes first.
+        # The east and west sides are exactly symmetric. The eastern heliostat of a pair comes first.
         x, y = distance * np.sin(np.radians(azimuth)), distance * np.cos(np.radians(azimuth))
         return x, y, 360.0 * number + abs(azimuth), {"ring": number, "azimuth": azimuth % 360}
 
@@ -246,7 +249,7 @@ class _Ring(NamedTuple):
 
 
 def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | None) -> None:
-    """Raise StudyError with all problems of single parameters of rings."""
+    """Raise a StudyError that lists every invalid ring parameter."""
     least, most = clearance / 2, clearance * MAX_HELIOSTATS / (2 * math.pi)
     radii = {f"zones.{index}.start": zone.start for index, zone in enumerate(zones or ())}
     problems = list[Problem]()
@@ -287,7 +290,7 @@ def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
 
 
 def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[_Ring]:
-    """Yield rings without end, or to the end of the spacing. A new zone starts if neighbours are too far apart."""
+    """Yield rings as far as the spacing is defined, or without end. A new zone starts if gaps are too wide."""
     delsol = spacing is not None and spacing.rule == "delsol"
     while spacing is None or spacing.reaches(start):
         pitch, closed = _pitch(clearance, start)
@@ -311,12 +314,12 @@ def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) ->
 
 
 def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[float, int | None]:
-    """Return the pitch of a zone [deg], and the number of heliostats of its rings if they close."""
+    """Return the pitch of a zone [deg], and the number of heliostats in each ring if the rings are closed."""
     finest = _angle_apart(start, start, clearance)
     pitch = finest if given is None else given
     count = round(360 / pitch)
     if 360 / count < finest * (1 - ROUNDING):
-        count -= 1  # with this number, neighbours would be too close
+        count -= 1  # with this number, neighbours would be too close together
     if abs(360 / count - pitch) <= 1e-3 * pitch:
         return 360 / count, count
     return pitch, None
@@ -325,7 +328,7 @@ def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[
 def _zone(
     clearance: float, start: float, pitch: float, closed: int | None, spacing: Spacing | None = None
 ) -> Iterator[_Ring]:
-    """Yield the rings of one zone until a ring has space for another heliostat between neighbours, or without end."""
+    """Yield the rings of a zone until another heliostat fits between neighbours; with `spacing`, without end."""
     half = math.radians(pitch) / 2
     before, ring, staggered = -math.inf, _Ring(start, np.empty(0)), False
     while True:
@@ -343,12 +346,12 @@ def _zone(
 def _ring(
     radius: float, pitch: float, closed: int | None, staggered: bool, clearance: float, before: float, previous: Floats
 ) -> _Ring:
-    """Return a ring filled from north on both sides, starting with half a step if it is staggered.
+    """Return a ring filled from north on both sides, starting at half a pitch if it is staggered.
 
-    A closed ring has equal steps. An open ring has a gap in the south, possibly with one heliostat in it. Only the
-    previous ring, with its radius and azimuths, can be too close, because earlier rings are at least one clearance
-    further in. The stagger keeps the distance to the previous ring, even across the gap, except for a heliostat due
-    south in either ring.
+    A closed ring has equal angular steps. An open ring has a gap in the south that may contain one heliostat. Only the
+    previous ring can be too close, because earlier rings are at least one clearance further in. `before` and `previous`
+    are its radius and azimuths. Staggering ensures the distance to the previous ring, even across the gap, except for a
+    heliostat due south in either ring.
     """
     first = 0.5 if staggered else 1.0
     if closed is not None:
@@ -364,7 +367,7 @@ def _ring(
 
 
 def _angle_apart(radius: float, other: float, distance: float) -> float:
-    """Return the minimum difference in azimuth [deg] of two points at these radii that are a distance apart."""
+    """Return the azimuth difference [deg] at which two points at these radii are `distance` apart."""
     sine_squared = (distance**2 - (radius - other) ** 2) / (4 * radius * other)
     return math.degrees(2 * math.asin(math.sqrt(min(max(sine_squared, 0.0), 1.0))))
 
@@ -372,9 +375,9 @@ def _angle_apart(radius: float, other: float, distance: float) -> float:
 def spiral(
     a: float, b: float, inner_radius: float, heliostats: int | None = None, region: Region | None = None
 ) -> Layout:
-    """Generate a phyllotaxis spiral [4]_: heliostat k has the azimuth 360 k / phi^2 deg and the radius a k^b.
+    """Generate a phyllotaxis spiral [4]_.
 
-    k starts from 1, and phi is the golden ratio.
+    Heliostat k, counted from 1, has the azimuth 360 k / phi^2 deg and the radius a k^b, where phi is the golden ratio.
 
     Parameters
     ----------
@@ -385,15 +388,15 @@ def spiral(
     inner_radius : float
         Radius without heliostats. [m]
     heliostats : int, optional
-        Number of heliostats, counted outwards. It may be omitted if the region is bounded.
+        Number of heliostats, selected outwards from the tower. It may be omitted if the region is bounded.
     region : Region, optional
         Ground for heliostats.
 
     Returns
     -------
     Layout
-        Layout from the tower outwards, with z = 0 and the column ``turn``, the number k. Azimuths are clockwise from
-        north.
+        Layout ordered from the tower outwards. z is 0, and the column ``turn`` contains the number k. Azimuths are
+        clockwise from north.
 
     Raises
     ------
@@ -424,12 +427,12 @@ def rows(
     heliostats: int | None = None,
     region: Region | None = None,
 ) -> Layout:
-    """Generate parallel rows. Row 0 passes through the tower.
+    """Generate parallel rows of heliostats. Row 0 passes through the tower.
 
     Parameters
     ----------
     spacing : float
-        Distance between neighbours of a row. [m]
+        Distance between neighbours in a row. [m]
     distance : float
         Distance between rows. [m]
     inner_radius : float
@@ -437,17 +440,18 @@ def rows(
     azimuth : float
         Azimuth perpendicular to the rows, clockwise from north. [deg]
     pattern : {"staggered", "straight"}
-        In the staggered pattern, odd rows are shifted by half a spacing to the right, seen along `azimuth`.
+        In the staggered pattern, odd rows are shifted to the right by half a spacing, as seen along `azimuth`.
     heliostats : int, optional
-        Number of heliostats, ordered by distance from the tower. Heliostats at equal distances, within rounding, are
-        ordered by row and from the left. The number may be omitted if the region is bounded.
+        Number of heliostats, selected by distance from the tower. Heliostats at equal distances (within rounding) are
+        selected by row and from the left. The number may be omitted if the region is bounded.
     region : Region, optional
         Ground for heliostats.
 
     Returns
     -------
     Layout
-        Layout in the order of rows along `azimuth`, each row from the left, with z = 0 and the column ``row``.
+        Layout ordered by rows along `azimuth`, and from the left within each row. z is 0, and the column ``row``
+        contains the row number.
 
     Raises
     ------
@@ -466,7 +470,7 @@ def rows(
         near = far <= radius
         x = right * math.cos(turn) + ahead * math.sin(turn)
         y = ahead * math.cos(turn) - right * math.sin(turn)
-        # Rounded to the nanometre, so that mirror-symmetric positions have equal distances.
+        # Round to 1 nm, so that mirror-symmetric positions have equal distances.
         return x[near], y[near], np.round(far, 9)[near], {"row": row.ravel()[near]}
 
     wanted = (heliostats or 1) * spacing * distance / math.pi
@@ -474,7 +478,7 @@ def rows(
     return _cut("rows", places, reach, inner_radius, heliostats, region)
 
 
-#: Generators by their key in the block ``layout``.
+#: Generators, by their key in the block ``layout``.
 PATTERNS: Mapping[str, Callable[..., Layout]] = {"radial_stagger": radial_stagger, "spiral": spiral, "rows": rows}
 
 
@@ -494,8 +498,8 @@ def _cut(
 ) -> Layout:
     """Cut a field out of a pattern.
 
-    `places` returns the positions within a radius. `reach` is the initial radius, which may contain enough positions.
-    [m]
+    `places` returns the pattern positions within a radius. `reach` is the initial radius, at which positions may
+    already suffice. [m]
     """
     region = region or Region()
     if heliostats is not None and heliostats > MAX_HELIOSTATS:

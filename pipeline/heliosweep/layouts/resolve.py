@@ -1,4 +1,4 @@
-"""The layouts of a study: one, or one for each value of the swept keys of the block ``layout``."""
+"""Layouts of a study: one layout, or one for each combination of swept keys in the block ``layout``."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from heliosweep.layouts.layout import LAYOUT, NAMED_BY_HELIOSTAT, PROPERTIES, La
 from heliosweep.layouts.patterns import PATTERNS, Spacing
 from heliosweep.lazy import shapely, xr
 
-#: Columns of a layout with the mirror sizes.
+#: Layout columns that contain mirror sizes.
 SIZE_COLUMNS = ("width", "height")
-#: Maximum number of points of a sweep, and of heliostats in all these points, that are checked. In other layouts,
-#: kernels report faults or are exact.
+#: Maximum number of sweep points that are checked, and maximum total number of heliostats in these points. For layouts
+#: that are not checked, kernels report faults or remain exact.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
-#: Keys of the plant that affect a spacing which increases with distance.
+#: Plant keys that affect the spacing if it increases with distance.
 SPACED_BY = ("receiver.height", "heliostat.pivot_height", "heliostat.width", "heliostat.height")
 
 
@@ -37,9 +37,9 @@ class Layouts:
     Parameters
     ----------
     study : Study
-        Study with a block for layouts.
+        Study with a layout block.
     key : str
-        Key of the block.
+        Key of the layout block.
     """
 
     def __init__(self, study: Study, key: str = "layout") -> None:
@@ -52,12 +52,12 @@ class Layouts:
         ]
 
     def depend_on(self, key: str) -> bool:
-        """Return True if layouts depend on a key of the study: a key of the block, or of the spacing."""
+        """Return True if the layouts depend on a study key, either in the layout block or through the spacing."""
         return key.startswith(f"{self._key}.") or (self._spaced and key in SPACED_BY)
 
     @property
     def heliostats(self) -> int | Sweep | None:
-        """Number of heliostats in the study, or None."""
+        """Number of heliostats specified in the study, or None."""
         return getattr(self.block, self._kind).heliostats if self._kind in GENERATORS else None
 
     def __getitem__(self, index: tuple[int, ...]) -> Layout:
@@ -66,7 +66,8 @@ class Layouts:
         Raises
         ------
         StudyError
-            If the file or the parameters of the generator are wrong. Problems are located in the study or layout file.
+            If the layout file or the generator parameters are invalid. Each problem refers to its line in the study or
+            layout file.
         """
         sweeps = [{key: sweep for key, sweep in dim.sweeps.items() if self.depend_on(key)} for dim in self.dimensions]
         return self.at(values_at(sweeps, index))
@@ -75,7 +76,7 @@ class Layouts:
         return map(self.__getitem__, itertools.product(*(range(len(dim)) for dim in self.dimensions)))
 
     def at(self, values: Mapping[str, Any]) -> Layout:
-        """Return the layout for values of the swept keys; other keys are ignored. Raises StudyError."""
+        """Return the layout for given values of the swept keys; other keys are ignored. Raises StudyError."""
 
         def of(key: str) -> Any:
             return values.get(f"{self._key}.{key}", attrgetter(key)(self.block))
@@ -89,7 +90,7 @@ class Layouts:
                 csv.writer(text).writerows([columns, *zip(*columns.values(), strict=True)])
                 return self._moved(read_text(text.getvalue(), f"{self._key}.table", self._reserved))
             given = {key: of(f"{self._kind}.{key}") for key in type(getattr(self.block, self._kind)).model_fields}
-            # Values of sweeps are floats.
+            # Sweeps contain floats.
             given |= {key: int(given[key]) for key in ("rings", "heliostats") if given.get(key) is not None}
             if self._spaced:
                 given["spacing"] = self._spacing(given["spacing"], given["inner_radius"], values)
@@ -98,11 +99,11 @@ class Layouts:
             raise StudyError([self._located(file, problem) for problem in error.problems]) from None
 
     def some(self, worst: Mapping[str, Callable[..., Any]] | None = None) -> Iterator[tuple[Layout, dict[str, Any]]]:
-        """Yield layouts to be checked, each with the values of all relevant keys.
+        """Yield the layouts to check, each with the values of all relevant keys.
 
-        `worst` contains relevant keys in addition to the keys of the layout, with the function (`min` or `max`) that
-        selects the worst value. Only this value is checked, unless the key is tied to another relevant key. For drawn
-        keys, it is the worst possible draw.
+        `worst` contains the relevant keys that are not layout keys. Each has a function (`min` or `max`) that selects
+        its worst value. Only this value is checked, unless the key is tied to another relevant key. For a drawn key,
+        the worst value is the worst possible draw.
         """
         study, worst = self._study, worst or {}
         given = {key: value for key, _, value in study.parameters()}
@@ -139,12 +140,12 @@ class Layouts:
         return Region(sectors, boundary, exclude, of("margin") or 0.0)
 
     def areas(self) -> dict[str, str]:
-        """Return the polygons common to all layouts as WKT in metres, by attribute of the result."""
+        """Return the polygons common to all layouts, as WKT in metres, by result attribute."""
         names = {key: getattr(self.block, key) for key in AREAS}
         return {AREAS[key]: self._area(key, name).wkt for key, name in names.items() if isinstance(name, str)}
 
     def _area(self, key: str, name: str | None) -> Any:
-        """Read polygons relative to the tower, or return None without a name. Raises StudyError."""
+        """Read polygons relative to the tower; return None if no file is named. Raises StudyError."""
         return None if name is None else read_area(self._study.resolve(name), key, self.block.origin or AT_TOWER)
 
     def _moved(self, layout: Layout) -> Layout:
@@ -157,11 +158,11 @@ class Layouts:
         return replace(layout, x=layout.x - east, y=layout.y - north, columns={**layout.columns, **aims})
 
     def uses(self, layout: Layout) -> list[str]:
-        """Return the columns of a layout that the study uses: properties that the study itself does not give."""
+        """Return the layout columns that the study uses: properties for which the study itself has no value."""
         return [name for name in PROPERTIES if name in layout.columns and self._use(name) is None]
 
     def _use(self, name: str) -> str | None:
-        """Return the reason why the study does not use a property of a layout, or None."""
+        """Return the reason why the study does not use a layout property, or None if it does."""
         wanted = PROPERTIES[name]
         block, _, key = wanted.key.partition(".")
         if "optics" not in type(self._study).model_fields:
@@ -186,7 +187,7 @@ class Layouts:
         return next((f"'optics.{other}' applies to all heliostats" for other in others), None)
 
     def remarks(self) -> Iterator[str]:
-        """Yield warnings about columns that do not affect results, and about ground that excludes nothing."""
+        """Yield warnings about columns that do not affect results, and about ground keys that exclude no heliostat."""
         seen: set[str] = set()
         for layout, values in self.some():
             remarks = list[str]()
@@ -216,7 +217,7 @@ class Layouts:
                 )
 
     def _spacing(self, rule: str, inner_radius: float, values: Mapping[str, Any]) -> Spacing:
-        """Return the spacing that increases with distance, from receiver and mirrors of a study. Raises StudyError."""
+        """Return the spacing rule for the receiver and mirrors of a study. Raises StudyError."""
         given = {key: value for key, _, value in self._study.parameters()} | dict(values)
         key, message = "spacing", ""
         if missing := [key for key in SPACED_BY if given.get(key) is None]:
@@ -245,7 +246,7 @@ class Layouts:
         return replace(layout, z=z + 0.0)
 
     def _located(self, file: str | None, problem: Problem) -> Problem:
-        """Return the problem with the key that causes it, unless it has a line of a file or counts further problems."""
+        """Add to a problem the study key that causes it, unless it has a file line or only counts other problems."""
         if problem.line or problem.unlisted:
             return problem
         key, start = ("file", f"{file}: ") if file is not None else (problem.key, "")
@@ -253,7 +254,7 @@ class Layouts:
 
 
 def values_at(dimensions: Iterable[Mapping[str, Sweep]], index: Iterable[int]) -> dict[str, Any]:
-    """Return the values of the swept keys at an index along each of the dimensions."""
+    """Return the values of the swept keys for one index along each dimension."""
     return {key: sweep[position] for dim, position in zip(dimensions, index, strict=True) for key, sweep in dim.items()}
 
 
@@ -262,7 +263,7 @@ _read = read_once(8)(read_csv)
 
 @lru_cache(maxsize=8)
 def _generated(kind: str, region: Region | None, **given: Any) -> Layout:
-    """Generate a layout. Raises StudyError; each problem has its key in the block ``layout``."""
+    """Generate a layout. Raises StudyError, in which each problem has its key in the block ``layout``."""
     try:
         return PATTERNS[kind](**given, region=region)
     except StudyError as error:
@@ -283,14 +284,14 @@ _COLUMNS = {
     "width": {"long_name": "mirror width", "units": "m"},
     "height": {"long_name": "mirror height", "units": "m"},
 }
-#: Maximum number of layouts of a sweep, and of layouts that the plan generates to count heliostats.
+#: Maximum number of layouts in a sweep, and maximum number that the plan generates to count heliostats.
 MAX_LAYOUTS, MAX_MADE = 100_000, 6_000
 
 
 class LayoutAxis:
-    """All layouts in a block of a study; shorter layouts are padded at their end.
+    """All layouts of a study's layout block. Shorter layouts are padded at the end.
 
-    `dims` are the swept dimensions that select a layout, and `size` is the number of heliostats of the longest layout.
+    `dims` are the swept dimensions that select a layout. `size` is the number of heliostats in the longest layout.
     """
 
     def __init__(self, study: Study, key: str = "layout") -> None:
@@ -301,12 +302,12 @@ class LayoutAxis:
         self.size = max(map(len, self._layouts))
 
     def at(self, position: Mapping[str, int]) -> Layout:
-        """Return the layout of a point of the result, from its index along each dimension."""
+        """Return the layout at a point of the result, given the point's index along each dimension."""
         place = tuple(position[dim] for dim in self.dims)
         return self._layouts[int(np.ravel_multi_index(place, self._shape)) if place else 0]
 
     def column(self, name: str, padding: object = np.nan) -> xr.DataArray:
-        """Return one column of all layouts over `dims` and ``heliostat``."""
+        """Return a column of all layouts over `dims` and ``heliostat``."""
         columns = [getattr(one, name) if name in _POSITIONS else one.columns[name] for one in self._layouts]
         is_text = any(column.dtype.kind == "U" for column in columns)
         table = np.array(columns[:1], object if is_text else None)
@@ -318,12 +319,12 @@ class LayoutAxis:
 
     @cached_property
     def numbers(self) -> xr.DataArray:
-        """Numbers 0, 1, ... along ``heliostat``."""
+        """Heliostat numbers 0, 1, ... along ``heliostat``."""
         attrs = {"long_name": "number of the heliostat: its row in the layout, counted from 0", "units": "1"}
         return xr.DataArray(np.arange(self.size), dims="heliostat", attrs=attrs)
 
     def coordinates(self) -> dict[str, xr.DataArray]:
-        """Return ``heliostat``, ``x``, ``y``, ``z`` and the columns common to all layouts."""
+        """Return the coordinates ``heliostat``, ``x``, ``y``, ``z`` and the columns common to all layouts."""
         coordinates = {"heliostat": self.numbers}
         for name, (long_name, standard_name) in _POSITIONS.items():
             known = {"standard_name": standard_name} if standard_name else {}
@@ -343,22 +344,22 @@ class LayoutAxis:
 
 
 def mirror_size(layout: Layout, side: str, given: float | None) -> np.ndarray:
-    """Return width or height of each mirror [m]: the value of the study, otherwise the column of the layout."""
+    """Return the width or height of each mirror [m]: the value in the study, otherwise the layout column."""
     return layout.columns[side].astype(float) if given is None else np.full(len(layout), float(given))
 
 
 def longest(study: Study, key: str = "layout") -> int:
-    """Return the number of heliostats of the longest layout of a study.
+    """Return the number of heliostats in the longest layout of a study.
 
-    Raises PlanError if the study sweeps over too many layouts. The message contains the longest dimension.
+    Raises PlanError if the study sweeps over too many layouts. The message names the longest dimension.
     """
     layouts = _counted(study, key)
     heliostats = layouts.heliostats
     if heliostats is not None:
         return int(max(heliostats.values()) if isinstance(heliostats, Sweep) else heliostats)
-    found: dict[str, int] = study.__dict__.setdefault("_longest", {})  # copies of the study do not keep this cache
+    found: dict[str, int] = study.__dict__.setdefault("_longest", {})  # copies of the study do not share this cache
     most = found.get(key) or max(map(len, layouts))
-    if all(getattr(layouts.block, name) is None for name in ("file", *AREAS)):  # files may be edited
+    if all(getattr(layouts.block, name) is None for name in ("file", *AREAS)):  # files may change
         found[key] = most
     return most
 
@@ -366,7 +367,7 @@ def longest(study: Study, key: str = "layout") -> int:
 def _counted(study: Study, key: str) -> Layouts:
     layouts = Layouts(study, key)
     most = MAX_MADE if layouts.heliostats is None else MAX_LAYOUTS
-    number = math.prod(map(len, layouts.dimensions))  # may be more than `len` can return
+    number = math.prod(map(len, layouts.dimensions))  # may exceed the maximum of `len`
     if number > most:
         axis = max(layouts.dimensions, key=len)
         remedy = " or give the layout's 'heliostats'" if most == MAX_MADE else ""
@@ -375,13 +376,13 @@ def _counted(study: Study, key: str) -> Layouts:
 
 
 def weighted_mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the weighted mean over the last dimension, whose rounding does not depend on chunks.
+    """Return the weighted mean over the last dimension. Its rounding does not depend on chunks.
 
-    Values of weight zero, including NaN, are omitted. The mean is NaN if all weights are zero.
+    Values with zero weight, including NaN, are omitted. The mean is NaN if all weights are zero.
     """
     means = np.full(values.shape[:-1], np.nan)
     for index in np.ndindex(means.shape):
-        used = weights[index] > 0  # omitted, so that padding does not change the order of the sum
+        used = weights[index] > 0  # omit zero weights, so that padding does not change the summation order
         if used.any():
             means[index] = np.sum(values[index][used] * weights[index][used]) / np.sum(weights[index][used])
     return means
