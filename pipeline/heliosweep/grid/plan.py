@@ -71,8 +71,8 @@ class Workload:
     unit : str
         Unit of one evaluation, such as ``heliostat-instants``.
     working_bytes : callable
-        Function that returns the working memory of a chunk for its number of points and its length along `splittable`.
-        [bytes]
+        Function that computes the working memory [bytes] of a chunk from its number of points and its length along
+        `splittable`.
     splittable : str
         Inner dimension along which one parameter point may be split; empty if there is none.
     whole : tuple of str
@@ -311,7 +311,7 @@ class Limits:
 
 
 def machine_limits(workers: int | None, memory: int | None, folder: str | os.PathLike[str]) -> Limits:
-    """Return the limits on workers, memory and disk. Arguments that are not given are taken from this machine.
+    """Return the limits on workers, memory and disk: given values, otherwise the limits of this machine.
 
     Parameters
     ----------

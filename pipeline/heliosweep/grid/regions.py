@@ -15,7 +15,7 @@ from heliosweep.lazy import xr
 #: Slice (with start and stop) of each dimension. Dimensions that are not listed are complete.
 Region: TypeAlias = Mapping[str, slice]
 
-#: Attribute that specifies if a variable's best value is its maximum or minimum, and the values of this attribute.
+#: Attribute that marks the maximum or the minimum as a variable's best value, and the values of this attribute.
 BEST_VALUE, LARGEST, SMALLEST = "best_value", "largest", "smallest"
 
 
@@ -184,7 +184,7 @@ class Piece(NamedTuple):
 class Cut:
     """Lengths of blocks and chunks for the variables of one kind.
 
-    Blocks depend only on the study, and therefore so do the bytes of a result. Each chunk is within one block.
+    Blocks, and therefore the bytes of a result, depend only on the study. Each chunk is within one block.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class Label(NamedTuple):
     attrs: dict[str, str]
 
     def part(self, dim: str, span: slice | int) -> Label:
-        """Return the label for a part of a dimension, or unchanged if it does not have this dimension."""
+        """Return the label for a part of a dimension. A label without this dimension is unchanged."""
         index = tuple(span if name == dim else slice(None) for name in self.dims)
         kept = self.dims if isinstance(span, slice) else tuple(name for name in self.dims if name != dim)
         return Label(kept, self.values[index], self.attrs)
@@ -63,9 +63,8 @@ class Instants:
 
     - ``solar``: ``day`` or ``declination``, and ``solar_hour``;
     - ``civil``: ``utc``, which also has the dimension `dim` if the clocks of the sites differ;
-    - ``weather``: ``utc``, the midpoint of each interval, and ``hours``, its length. Both also have the dimension
-    `dim` if the
-      weather files differ;
+    - ``weather``: ``utc``, the midpoint of each interval, and ``hours``, its length; both also have the dimension `dim`
+      if the weather files differ;
     - ``sun``: a single ``instant`` for each sun direction.
     """
 
@@ -375,9 +374,10 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
 
 
 def night_share(study: Study) -> float:
-    """Return the fraction of civil-clock instants with the sun below the horizon, to within a few 0.01. [1]
+    """Estimate the fraction of a study's civil-clock instants at which the sun is below the horizon. [1]
 
-    The estimate uses a selection of places and dates, and neglects the equation of time.
+    The error is a few hundredths, because the estimate uses a selection of places and dates and neglects the equation
+    of time.
     """
     time: CivilTime = study.time  # type: ignore[attr-defined]
     shares = [

@@ -243,7 +243,7 @@ def _geotiff(path: Path, need: _Need) -> _Grid:
 
 
 def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:
-    """Return ground heights at positions relative to the ground at the tower; `heights` is from `read_heights`. [m]
+    """Return the ground height at each position relative to the ground at the tower, from `read_heights`. [m]
 
     Raises a StudyError for the key ``terrain.file`` if a height is missing.
     """

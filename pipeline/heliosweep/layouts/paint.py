@@ -106,8 +106,7 @@ def local_positions(place: ArrayLike, origin: Sequence[float]) -> Floats:
     Notes
     -----
     The conversion from geographic to geocentric and then to topocentric coordinates is exact. It uses methods 9602 and
-    9836
-    of IOGP (2019), Geomatics guidance note 7-2.
+    9836 of IOGP (2019), Geomatics guidance note 7-2.
     """
     latitude, longitude = np.radians(origin[:2])
     east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
