@@ -257,7 +257,7 @@ class Way(NamedTuple):
         return rays.SlopeMap(x, y, slope, number % len(slope), not found.fits(*sides))
 
     def transmitted(self, mirrors: Geometry, place: Sequence[Any]) -> Floats:
-        """Return the transmittance of the air for each heliostat, shape (N,). `place`: see `grid.sun.PLACE`. [1]"""
+        """Return the air's transmittance for each heliostat, shape (N,). `place` has the values of `PLACE`. [1]"""
         values = self.values
         given = {key: values[key] for key in ("visibility", "water_vapour") if values[key] is not None}
         altitude = place[2] if values["altitude"] is None else values["altitude"]
@@ -282,6 +282,6 @@ def slant_of(mirrors: Geometry) -> Floats:
 
 
 def values_of(given: Sequence[Any]) -> dict[str, Any]:
-    """Return the values of `optics.KEYS` by the last part of each key; the seed of the mounts is named `mount_seed`."""
+    """Return the values of `optics.KEYS` by the last part of each key. The mount seed is named `mount_seed`."""
     names = ["mount_seed" if key == "optics.mount_errors.seed" else key.rpartition(".")[2] for key in KEYS]
     return dict(zip(names, given, strict=True))

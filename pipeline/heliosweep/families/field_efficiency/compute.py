@@ -100,7 +100,7 @@ FRAME_BYTES = packets.PACKET * 10 * 8
 _TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
 _KEEP = ("keep.heliostats", "keep.field_power", "keep.by", "keep.heat_power")
-#: Field sums, and the heliostat variables that are summed. Squared standard errors are summed in the same way.
+#: Field variables, and the heliostat variables whose sums they are. Squared standard errors are also summed.
 _SUMS = {
     "field_receiver_energy": "receiver_energy", "loss": "heliostat_loss",
     "monthly_receiver_energy": "heliostat_monthly_receiver_energy",
@@ -565,7 +565,7 @@ def select(
     aimed: Callable[[Field | TracedField], Field | TracedField], sun: Floats, hours: Hours | None,
     blocks: Iterable[tuple[int, int]],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
-    """Return the rows of the kept heliostats of a layout at a point of the result, and the ranks of all heliostats.
+    """Return the layout rows of the kept heliostats at a point of the result, and the ranks of all heliostats.
 
     `wanted` contains the values of `keep.heliostats`, `keep.field_power`, `keep.by` and `keep.heat_power`. `field_of`
     returns the field of a layout. `aimed` returns a field with the aim points that a flux limit requires, if the study
