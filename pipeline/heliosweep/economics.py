@@ -1,4 +1,4 @@
-"""Capital cost of the field, tower and receiver of a tower plant, and levelized cost of its heat, without a study.
+"""Capital cost and levelized cost of heat of a tower plant, computed without a study file.
 
 The defaults are taken from the molten-salt tower of the System Advisor Model (SAM). Results are in the currency of the
 given costs; the default costs are in US dollars.

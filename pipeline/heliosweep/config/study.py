@@ -158,7 +158,7 @@ class Study(Block):
         Returns
         -------
         Study
-            New study with its own id. File names are relative to the same folder.
+            New study with its own id. Relative file names refer to the folder of the original study.
 
         Raises
         ------

@@ -114,7 +114,7 @@ def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime,
     date : datetime.date
         Date on the wall clock.
     seconds : float
-        Time since midnight on the wall clock, at most 86,400, in whole microseconds.
+        Wall-clock time since midnight in seconds, at most 86,400, a multiple of 1 microsecond.
     zone : datetime.tzinfo
         Time zone from `parse_timezone`.
 

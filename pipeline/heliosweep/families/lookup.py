@@ -394,7 +394,10 @@ class Searched(Wrapped):
         return self.generation(study, list(itertools.islice(itertools.cycle(built), count)))
 
     def workload(self, study: Any) -> Workload:
-        """Return the sizes and the cost of all evaluations in the budget. `plan` adds the memory of a generation."""
+        """Return the dimension sizes and the cost of a search with its full budget.
+
+        `plan` adds the memory of a generation.
+        """
         of_one = self.inner.workload(self.first(study))
         return Workload(
             {EVALUATION: study.search.budget},

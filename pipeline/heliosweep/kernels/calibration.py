@@ -352,9 +352,9 @@ class _Problem:
     ) -> Floats:
         """Return leave-one-out residuals by one Newton step.
 
-        Let A = J H^-1 J^T, where H is the second derivative of the cost. Let D be the derivative of the influence of
-        the observation: w rho' across its residual r, and w (rho' + 2 u rho'') along r. The leave-one-out residual is r
-        + A (I - D A)^-1 w rho' r. For the squared loss, it is (I - w A)^-1 r.
+        Let A = J H^-1 J^T, where H is the second derivative of the cost. Let D be the derivative of the influence
+        function of the omitted observation: w rho' perpendicular to its residual r, and w (rho' + 2 u rho'') along r.
+        The leave-one-out residual is r + A (I - D A)^-1 w rho' r. For the squared loss, it is (I - w A)^-1 r.
         """
         r, j, weight, identity = -residual[some], rows[some], self.weight[some], np.eye(self.coordinates)
         half = shares[some]

@@ -23,8 +23,8 @@ base is vertically below the pivot, u = Q (0, 0, 1), for any direction of the pr
 
 In the frame of the tilted primary axis, with the sun s, the aim point at d from the tilted pivot and the mirror centre
 at c, the normal is n = unit(s + unit(d - c)). The normal gives the angles, and the angles give the centre c' = F(c).
-Newton's method solves c = F(c). A change dc changes the two angles by G dc, and the angles change the centre by C, so
-that
+Newton's method solves c = F(c). A change dc of the centre changes the two angles by G dc. A change v of the
+angles changes the centre by C v. Hence
 
     c* = F(c) + C v,   (1 - G C) v = G (F(c) - c)
 

@@ -661,7 +661,7 @@ def trace(
         Unit vectors to the sun at all instants: east, north, up. Instants with the sun below the horizon are ignored.
         [1]
     weights : ndarray, shape (2, T), optional
-        Weights of the instants, for example irradiation, without and with the reflectivity as a factor.
+        Weight of each instant, for example its irradiation. Row 0 is without the reflectivity, row 1 with it.
     group : ndarray of int, shape (T,), optional
         Group of each instant, 0 to groups - 1, for example the month.
     groups : int

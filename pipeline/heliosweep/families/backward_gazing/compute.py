@@ -510,8 +510,8 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
 def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -> tuple[Floats, dict[str, Floats]]:
     """Return the corners in all images, shape (4, 4, 2), and the variables of the registration.
 
-    Corners are NaN if the pinhole geometry is known. If the heliostat is not found, a ValueError with the index of the
-    image and the reason is raised.
+    Corners are NaN for images with a known pinhole geometry, which needs no corners. If the heliostat is not found, a
+    ValueError with the index of the image and the reason is raised.
     """
     corners, found = shots.corners.copy(), np.full((len(names.REGISTERED), CAMERAS), math.nan)
     upright = views.pinholes(layout, shots.images.shape[1:], ANY_FOCAL) if shots.register.any() else None

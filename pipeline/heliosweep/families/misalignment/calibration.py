@@ -376,7 +376,7 @@ def calibrate(variables: dict[str, Variable], point: Point) -> Values:
 
 
 def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Values, Floats]:
-    """Calibrate from synthetic spots on the days used. Return the values, and the errors that commands correct."""
+    """Calibrate from synthetic spots. Return the result's values, and the errors that the commands correct."""
     seed, noise, mounts = point.study.mount_errors.seed or 0, point["calibration.noise"], scene.mounts()
     days, hours = instant_sizes(point.study).values()
     used = hours * int(point["calibration.days_used"] or days)

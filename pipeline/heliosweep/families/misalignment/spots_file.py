@@ -554,7 +554,7 @@ def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what:
 
 
 def _spare_rows(study: MisalignmentStudy, campaigns: Sequence[MeasuredSpots]) -> Iterator[Problem | str]:
-    """Yield problems if held-out spots are unknown, or if windows need missing times or exceed the spots' period."""
+    """Yield problems if held-out spots are unknown, or if windows are used without times; warn about long windows."""
     block, files = study.calibration, " and ".join(measured.name for measured in campaigns)
     if block is None:
         return
