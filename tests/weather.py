@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import date, timedelta
+from pathlib import Path
 
 import numpy as np
 
@@ -86,3 +87,16 @@ def plain(dni: np.ndarray, late: float, offset: str = "+01:00", year: int = 2021
     times = start + np.arange(dni.size) * np.timedelta64(1, "h")
     rows = [f"{time}{offset},{value!r}" for time, value in zip(times, dni.tolist(), strict=True)]
     return "\n".join(["time,dni", *rows, ""])
+
+
+def write_sam_year(path: Path, sunrise: int, sunset: int) -> Path:
+    """Write a year of clear days in the form of SAM, with 900 W/m2 from sunrise to sunset."""
+    lines = ["Latitude,Longitude,Time Zone,Elevation", "35,-116.8,-8,500"]
+    lines.append("Year,Month,Day,Hour,Minute,DNI,DHI,GHI,Tdry,Tdew,RH,Pres,Wspd,Wdir,Albedo")
+    for day in dates((2001,) * 12)[::24]:
+        for hour in range(24):
+            beam = 900 if sunrise <= hour < sunset else 0
+            start = f"{day.year},{day.month},{day.day},{hour},30"
+            lines.append(f"{start},{beam},{beam // 9},{beam * 8 // 9},20,5,30,950,1,0,0.2")
+    path.write_text("\n".join([*lines, ""]))
+    return path

@@ -403,7 +403,7 @@ def limited_aims(
     bound = max(found.bound, output)  # the bound has different noise, because it uses other rays
     values = (
         choice, *place.T, *maps, *(1e-3 * np.array((output, whole, bound))), checked.max(), free.max(),
-        *(max(1.0 - output / (most or np.nan), 0.0) for most in (whole, bound)), np.count_nonzero(choice < 0),
+        *(max(1.0 - output / (best or np.nan), 0.0) for best in (whole, bound)), np.count_nonzero(choice < 0),
     )  # fmt: skip
     return dict(zip(VARIABLES, values, strict=True))
 

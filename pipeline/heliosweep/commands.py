@@ -19,7 +19,7 @@ from heliosweep.config import OPTION, Study, execution_keys, settings
 from heliosweep.config.schema import json_schema
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
 from heliosweep.families.family import families
-from heliosweep.files import user_path
+from heliosweep.files import user_path, written_whole
 from heliosweep.runs.run import plan_text
 from heliosweep.share import guide
 from heliosweep.store.folder import OUTPUTS, sources_of, status_lines, target_file
@@ -238,8 +238,6 @@ def _table(options: argparse.Namespace) -> list[Path]:
 
 
 def _electricity(options: argparse.Namespace) -> list[Path | str]:
-    from heliosweep.files import written_whole
-
     place = _folder(options.source)
     locate(place)
     file = target_file(options.output or place / "electricity.nc", options.force, endings=(".nc",))
@@ -315,5 +313,5 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], Any]] = {
     ),
     "setup": _setup,
     "schema": _schema,
-    "families": lambda _: [f"{name:18}{family.title}" for name, family in families().items()],
+    "families": lambda _: [f"{name:16}  {family.title}" for name, family in families().items()],
 }

@@ -13,6 +13,7 @@ import yaml
 
 import heliosweep
 from heliosweep import cli
+from tests.weather import write_sam_year
 
 #: A plant of 40 heliostats, and a year of clear days, 6 to 18 h in local time at 120 deg west, in universal time.
 PLANT: dict[str, Any] = {
@@ -190,20 +191,10 @@ def tables(efficiency: float) -> tuple[xr.DataArray, xr.DataArray]:
 def test_of_sam(tmp_path):
     """The energy on the receiver while nothing limits it is irradiance x area x efficiency."""
     pytest.importorskip("PySAM", reason="nrel-pysam is not installed")
-    lines = ["Latitude,Longitude,Time Zone,Elevation", "35,-116.8,-8,500"]
-    lines.append("Year,Month,Day,Hour,Minute,DNI,DHI,GHI,Tdry,Tdew,RH,Pres,Wspd,Wdir,Albedo")
-    for day in np.arange("2001-01-01", "2002-01-01", dtype="datetime64[D]").tolist():
-        for hour in range(24):
-            beam = 900 if 7 <= hour < 17 else 0
-            start = f"{day.year},{day.month},{day.day},{hour},30"
-            lines.append(f"{start},{beam},{beam // 9},{beam * 8 // 9},20,5,30,950,1,0,0.2")
-    (tmp_path / "weather.csv").write_text("\n".join([*lines, ""]))
+    weather = write_sam_year(tmp_path / "weather.csv", 7, 17)
     place = np.random.default_rng(0).uniform(-1000, 1000, (9000, 2))
     working = {"sf_adjust_constant": 0.0, "tshours": 14}
-    low, high = (
-        heliosweep.tower_electricity(*tables(e), tmp_path / "weather.csv", place, 1.2e6, inputs=working)
-        for e in (0.3, 0.5)
-    )
+    low, high = (heliosweep.tower_electricity(*tables(e), weather, place, 1.2e6, inputs=working) for e in (0.3, 0.5))
     assert 0.0 < float(low.electricity) < float(high.electricity)
     np.testing.assert_allclose(high.capacity_factor, high.electricity / (103.5 * 8760), rtol=0.02)
     noon = np.arange(8760) % 24 == 11

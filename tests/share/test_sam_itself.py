@@ -13,6 +13,7 @@ import xarray as xr
 from heliosweep import build, tower_electricity, write_table
 from heliosweep.share import sam as sam_tables
 from tests.bench import bench_electricity, solarpilot
+from tests.weather import write_sam_year
 
 pytest.importorskip("PySAM", reason="nrel-pysam is not installed")
 
@@ -40,17 +41,7 @@ def shares(table: xr.DataArray) -> xr.DataArray:
 
 @pytest.fixture
 def weather(tmp_path) -> Path:
-    """A year of clear days in the form of SAM."""
-    lines = ["Latitude,Longitude,Time Zone,Elevation", "35,-116.8,-8,500"]
-    lines.append("Year,Month,Day,Hour,Minute,DNI,DHI,GHI,Tdry,Tdew,RH,Pres,Wspd,Wdir,Albedo")
-    for day in np.arange("2001-01-01", "2002-01-01", dtype="datetime64[D]").tolist():
-        for hour in range(24):
-            beam = 900 if 5 <= hour < 19 else 0
-            start = f"{day.year},{day.month},{day.day},{hour},30"
-            lines.append(f"{start},{beam},{beam // 9},{beam * 8 // 9},20,5,30,950,1,0,0.2")
-    path = tmp_path / "weather.csv"
-    path.write_text("\n".join([*lines, ""]))
-    return path
+    return write_sam_year(tmp_path / "weather.csv", 5, 19)
 
 
 def matrix(path: Path) -> list[list[float]]:

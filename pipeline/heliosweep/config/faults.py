@@ -22,7 +22,7 @@ MAX_FAULTS = 100
 #: Terms of other programs and of the literature that users may write instead of a key, each with its remedy.
 SYNONYMS = {
     **dict.fromkeys(
-        ("slurm", "pbs", "sge", "lsf", "oar", "htcondor", "job", "profile", "profiles"),
+        ("slurm", "pbs", "sge", "lsf", "oar", "htcondor"),
         "write 'scheduler: distributed' and 'cluster: {class: dask_jobqueue.SLURMCluster, ...}' with the class of your "
         "queue and its keywords, in a file for 'include' if they differ between machines",
     ),

@@ -160,19 +160,17 @@ def tower_electricity(
     return xr.Dataset(made, {"time": time})
 
 
-def _check(study: Study) -> None:
+def _check(study: Study, values: Mapping[str, Any]) -> None:
     """Check that SAM can model the plant of a study. Raises a StudyError that lists all problems."""
-    files = len(weather_files(study))
-    kind = getattr(getattr(study, "receiver", None), "kind", None)
-    currency = getattr(getattr(study, "economics", None), "currency", None)
-    losses = getattr(getattr(study, "receiver", None), "thermal_losses", None)
+    files, kind, currency = len(weather_files(study)), values.get("receiver.kind"), values.get("economics.currency")
+    horizon, losses = any(key.startswith("site.horizon.") for key in values), "receiver.thermal_losses.file"
     wrong = (
         ("search", study.search is not None, "has many plants: run the best plant without 'search'"),
         ("receiver.kind", kind != "cylinder", f"must be cylinder, the external receiver of SAM (got {kind})"),
-        ("site", getattr(study, "site", None) is None, "is missing: SAM needs one site"),
-        ("site.horizon", getattr(getattr(study, "site", None), "horizon", None), "is not supported by SAM: remove it"),
+        ("site", "site.latitude" not in values, "is missing: SAM needs one site"),
+        ("site.horizon", horizon, "is not supported by SAM: remove it"),
         ("economics.currency", currency not in (None, "USD"), f"must be USD, as SAM's other costs (got {currency})"),
-        ("receiver.thermal_losses.file", getattr(losses, "file", None), "is not supported by SAM: use 'per_area'"),
+        (losses, values.get(losses), "is not supported by SAM: use 'per_area'"),
         ("weather.file", files != 1, f"must be one file with all hours of a year (got {files} files)"),
     )
     if problems := [study.problem(key, message) for key, is_wrong, message in wrong if is_wrong]:
@@ -195,7 +193,8 @@ def electricity_of(
     HeliosweepError
         As in `tower_electricity`.
     """
-    _check(study)
+    values = {key: value for key, _, value in study.parameters()}
+    _check(study, values)
     names = [name for name in ("field_receiver_energy", "field_heat", "design_point_heat", "loss") if name in result]
     here = chosen(result[names], select, ("stage",)).compute()
     if "P_ref" not in inputs and "design_point_heat" not in here:
@@ -204,7 +203,6 @@ def electricity_of(
         )
         raise StudyError(study.problem("design_point", message))
     labels = {key: name for key, name in study.dimension_names().items() if key in study.sweeps()}
-    values = {key: value for key, _, value in study.parameters()}
     values |= {key: here[name].item() for key, name in labels.items() if name in here.coords}
     given = {name: values[key] * factor for key, (name, factor) in _KEYS.items() if values.get(key) is not None}
     if (lost := values.get("receiver.thermal_losses.constant")) is not None:
