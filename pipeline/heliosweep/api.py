@@ -96,7 +96,7 @@ class Result:
         """Return title, dimensions, headline numbers and page, one per line."""
         from heliosweep.report.tables import summary
 
-        with self.open() as data:
+        with read.open_result(self.path) as data:
             family = family_of_result(data)
             lines = [*summary(data, family.headlines if family else ()), *(family.answers(data) if family else ())]
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
