@@ -340,8 +340,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         handler.setFormatter(commands.Formatter("%(message)s"))
         logging.basicConfig(level=logging.WARNING, handlers=[handler])
         logging.getLogger("heliosweep").setLevel(logging.DEBUG if options.verbose else logging.INFO)
-        code: int = commands.carry_out(options)
-        return code
+        return commands.carry_out(options)
     except (RunInterrupted, KeyboardInterrupt) as stop:
         print(printable(stop) or "interrupted", file=sys.stderr)
         return RunInterrupted.exit_code
@@ -351,8 +350,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (HeliosweepError, OSError) as error:
         if options.verbose and isinstance(error, OSError):
             raise
-        refused: int = commands.refused(error)
-        return refused
+        return commands.refused(error)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -112,8 +112,7 @@ def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
     [2.0, 0.5, 0.5]
     """
     steps = np.stack(np.broadcast_arrays(incident, *left))
-    losses: Floats = steps[:-1] - steps[1:]
-    return losses
+    return steps[:-1] - steps[1:]
 
 
 def budget_losses(undisturbed: ArrayLike, actual: ArrayLike, alone: ArrayLike) -> Floats:
@@ -200,8 +199,7 @@ def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:
     columns = [
         np.bincount(month, column, months) for column in values.reshape(len(values), math.prod(values.shape[1:])).T
     ]
-    sums: Floats = np.stack(columns, axis=-1).reshape(months, *values.shape[1:]).astype(np.float64)
-    return sums
+    return np.stack(columns, axis=-1).reshape(months, *values.shape[1:]).astype(np.float64)
 
 
 def availability(

@@ -37,8 +37,7 @@ def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
         def reading(path: Path, *args: Any, **kwargs: Any) -> T:
             with suppress(OSError, ValueError):  # for example, a name with a NUL character
                 status = path.stat()
-                found: T = kept((status.st_mtime_ns, status.st_size), path, *args, **kwargs)
-                return found
+                return kept((status.st_mtime_ns, status.st_size), path, *args, **kwargs)
             return read(path, *args, **kwargs)
 
         return reading

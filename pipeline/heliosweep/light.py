@@ -438,8 +438,7 @@ def hflcal(
         0.5 * (erf((half + at) * scale) + erf((half - at) * scale))
         for half, at in ((made.half_width, x), (made.half_height, y))
     ]
-    found: Floats = np.where(sun[:, 2:] > 0.0, parts[0] * parts[1] * (cosine > 0.0), np.nan)
-    return found
+    return np.where(sun[:, 2:] > 0.0, parts[0] * parts[1] * (cosine > 0.0), np.nan)
 
 
 def image_radius(flux: xr.DataArray) -> xr.DataArray:
@@ -473,8 +472,7 @@ def image_radius(flux: xr.DataArray) -> xr.DataArray:
 def mirror_area(scene: kernel.Scene) -> Floats:
     """Return the reflecting area of each mirror, without the gaps between facets, shape (N,). [m2]"""
     columns, rows, gap = scene.facets
-    area: Floats = (scene.sides[:, 0] - (columns - 1) * gap) * (scene.sides[:, 1] - (rows - 1) * gap)
-    return area
+    return (scene.sides[:, 0] - (columns - 1) * gap) * (scene.sides[:, 1] - (rows - 1) * gap)
 
 
 def _scene(layout: Any, receiver: Cylinder | Rectangle | None, field: Mapping[str, Any]) -> kernel.Scene:
@@ -600,8 +598,7 @@ def _sun_shape(given: str | tuple[Any, ...]) -> sunshapes.SunShape:
         ):
             raise ValueError("`sun_shape` must have a brightness of at least 0 for each angle, above 0 at the centre")
         return sunshapes.table(1e-3 * angle, brightness)
-    made: sunshapes.SunShape = getattr(sunshapes, name)(*numbers)
-    return made
+    return getattr(sunshapes, name)(*numbers)
 
 
 def sun_directions(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tuple[str, ...], dict[str, Any]]:

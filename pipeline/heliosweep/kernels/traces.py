@@ -34,8 +34,7 @@ _SAME = 1e-9
 
 def dot(a: Floats, b: Floats) -> Floats:
     """Return scalar products over the last axis."""
-    product: Floats = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
-    return product
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def _unit(vectors: Floats) -> Floats:
@@ -45,15 +44,13 @@ def _unit(vectors: Floats) -> Floats:
 
 def reflected(normal: Floats, sun: Floats) -> Floats:
     """Return the directions of the sun's rays after reflection. [1]"""
-    rays: Floats = 2.0 * dot(normal, sun)[..., np.newaxis] * normal - sun
-    return rays
+    return 2.0 * dot(normal, sun)[..., np.newaxis] * normal - sun
 
 
 def turned(axis: Floats, vector: Floats, angle: float) -> Floats:
     """Return vectors rotated about unit axes by an angle. [rad]"""
     still = dot(axis, vector)[..., np.newaxis] * axis
-    rotated: Floats = still + np.cos(angle) * (vector - still) + np.sin(angle) * np.cross(axis, vector)
-    return rotated
+    return still + np.cos(angle) * (vector - still) + np.sin(angle) * np.cross(axis, vector)
 
 
 def spots(centre: Floats, rays: Floats, face: Floats) -> Floats:

@@ -109,8 +109,7 @@ def _sun(kind: str, ratio: float | None) -> sunshapes.SunShape:
     if kind == "buie":
         assert ratio is not None
         return sunshapes.buie(ratio)
-    made: sunshapes.SunShape = getattr(sunshapes, kind)()
-    return made
+    return getattr(sunshapes, kind)()
 
 
 def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout) -> Floats:
@@ -139,8 +138,7 @@ def months_of(instants: Instants, longitude: float | None) -> NDArray[np.int64] 
         stamps = instants.labels["utc"].values + np.timedelta64(round(240 * (longitude or 0.0)), "s")
     else:
         return None
-    found: NDArray[np.int64] = stamps.astype("datetime64[M]").astype(np.int64) % 12
-    return found
+    return stamps.astype("datetime64[M]").astype(np.int64) % 12
 
 
 #: Centres x, y, z, half widths, half heights and aim points of the mirrors [m], and the code of the tracking method.
@@ -262,8 +260,7 @@ class Way(NamedTuple):
         given = {key: values[key] for key in ("visibility", "water_vapour") if values[key] is not None}
         altitude = place[2] if values["altitude"] is None else values["altitude"]
         given |= {"altitude": float(altitude or 0.0), "receiver_height": float(values["height"])}
-        passed: Floats = transmittance(slant_of(mirrors), values["attenuation"], **given)
-        return passed
+        return transmittance(slant_of(mirrors), values["attenuation"], **given)
 
     def reflected(self, months: NDArray[np.int64] | None, count: int) -> Floats:
         """Return the factor by which month and washing change `reflection` at each instant, shape (count,). [1]"""
@@ -277,8 +274,7 @@ class Way(NamedTuple):
 
 def slant_of(mirrors: Geometry) -> Floats:
     """Return the distance from each mirror to its aim point. [m]"""
-    distance: Floats = np.sqrt(np.sum((mirrors[5] - np.stack(mirrors[:3], axis=1)) ** 2, axis=1))
-    return distance
+    return np.sqrt(np.sum((mirrors[5] - np.stack(mirrors[:3], axis=1)) ** 2, axis=1))
 
 
 def values_of(given: Sequence[Any]) -> dict[str, Any]:

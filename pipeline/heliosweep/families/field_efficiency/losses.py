@@ -342,8 +342,7 @@ class Available(NamedTuple):
         out = hours.weight * (1.0 - availability(start, length, *self.outages[row], yearly=True))
         dark = np.where((out > 0.0)[:, np.newaxis], hours.sun, (0.0, 0.0, -1.0))
         alone = field._replace(available=None).energies(hours._replace(sun=dark, weight=out), row, row + 1)
-        lost: Floats = alone["heliostat_monthly_receiver_energy"][:, 0]
-        return lost
+        return alone["heliostat_monthly_receiver_energy"][:, 0]
 
 
 def check_availability(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:

@@ -334,8 +334,7 @@ class TracedField(NamedTuple):
             )  # fmt: skip
 
         key = (self.key, len(sun), self.coarse, len(self.area), cells)
-        found: int = self.way.inputs.last(f"rays {len(sun) > 1}", key, needed)
-        return found
+        return self.way.inputs.last(f"rays {len(sun) > 1}", key, needed)
 
     @staticmethod
     def _efficiencies(part: Floats, passed: Any, mirror: Any, reflected: float) -> Values:

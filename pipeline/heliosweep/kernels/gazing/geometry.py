@@ -300,8 +300,7 @@ def eroded(grid: MirrorGrid, cells: int) -> NDArray[np.bool_]:
     from scipy.ndimage import maximum_filter, minimum_filter
 
     low, high = (ranked(grid.module, 2 * cells + 1, mode="constant") for ranked in (minimum_filter, maximum_filter))
-    keep: NDArray[np.bool_] = (low == high).ravel()[grid.place]
-    return keep
+    return (low == high).ravel()[grid.place]
 
 
 def maps(grid: MirrorGrid, values: ArrayLike) -> Floats:
@@ -661,8 +660,7 @@ def turned(vectors: Floats, slopes: ArrayLike) -> Floats:
     length = math.hypot(y, z)
     if not length:
         return vectors
-    turn: Floats = Rotation.from_rotvec(math.atan(length) / length * np.array([0.0, -z, y])).apply(vectors)
-    return turn
+    return Rotation.from_rotvec(math.atan(length) / length * np.array([0.0, -z, y])).apply(vectors)
 
 
 def pinholes(
