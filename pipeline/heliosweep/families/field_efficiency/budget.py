@@ -17,7 +17,6 @@ from heliosweep.config import FileName, Invalid, Parameter, Sweep
 from heliosweep.energy import INTERACTION, budget_losses
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.optics import KEYS
-from heliosweep.grid.regions import Variable, quantity
 from heliosweep.kernels.compiled import Floats
 from heliosweep.lazy import xr
 
@@ -31,7 +30,6 @@ Causes = dict[str, dict[str, Any]]
 ALLOWED = (*(key for key in KEYS if not key.endswith((".seed", ".rays", ".precision"))), "tracking",
            "availability.fraction")  # fmt: skip
 _PART, _CAUSE = "budget_part", "budget_cause"
-NAMES = ("budget_loss", "budget_stage_loss", "budget_gain", "budget_energy", _PART, _CAUSE)
 #: Function that computes the energy on the receiver and the energy lost at each stage for given key values. [MWh]
 Energies = Callable[[Mapping[str, Any]], tuple[Floats, Floats]]
 
@@ -112,24 +110,6 @@ def budget_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
         words | {"comment": f"{INTERACTION}: loss of all causes minus the losses of each cause"},
     )
     return {_PART: parts, _CAUSE: (np.array(causes, object), words)} if causes else {}
-
-
-def budget_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the budget variables of a study; empty if the study has no budget."""
-    if study.budget is None:
-        return {}
-    made = {
-        "budget_energy": ((), "energy of the field on the receiver without the causes of the budget", ""),
-        "budget_stage_loss": (("stage",), "energy of the field lost at each stage without the causes of the budget",
-                              "incident energy, minus the losses of all stages and all parts of the budget, is the "
-                              "energy received"),
-        "budget_loss": ((_PART,), "energy of the field lost to each cause alone",
-                        "the last part is the interaction of the causes; the sum over all parts is the loss of all "
-                        "causes together"),
-        "budget_gain": ((_CAUSE,), "energy of the field gained if only one cause is removed", ""),
-    }  # fmt: skip
-    return {name: quantity(dims, "MWh", words, comment, cell_methods="time: sum")
-            for name, (dims, words, comment) in made.items()}  # fmt: skip
 
 
 def budget_values(study: FieldEfficiencyStudy, energies: Energies, actual: float) -> dict[str, Floats]:

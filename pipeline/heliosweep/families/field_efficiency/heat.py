@@ -24,31 +24,12 @@ if TYPE_CHECKING:
 
 #: Stages at which the receiver loses energy.
 HEAT_STAGES = ("absorption", "thermal losses")
-#: Direct normal irradiance for `check_losses` if the study has no design point. [W/m2]
-IRRADIANCE = 1000.0
 #: Number of days in a year.
 YEAR = 365.0
 _LOSS_COLUMNS = {
     "power": Column("of the light on the receiver, in MW", required=True, least=0, bounds="at least 0 MW"),
     "losses": Column("of heat at this power, in MW", required=True, least=0, bounds="at least 0 MW"),
 }
-
-_HEAT = "absorbed light minus thermal losses; 0 at instants with larger losses"
-_COSTS = "of field, tower and receiver"
-#: Variables in the form of the rows in `variables.rows`; {currency} is replaced by the study's currency.
-ROWS: tuple[tuple[Any, ...], ...] = (
-    ("heat weather", "field_heat", "", False, "MWh", "heat of the receiver over the period", _HEAT),
-    ("heat weather", "monthly_heat", "month", False, "MWh", "heat of the receiver in each month", _HEAT),
-    ("heat design", "design_point_heat", "", True, "MW", "heat of the receiver at the design point", _HEAT),
-    ("costs", "capital_cost", "item", True, "1", "capital cost in {currency}", _COSTS),
-    ("costs", "total_capital_cost", "", True, "1", "capital cost of all items in {currency}", _COSTS),
-    ("costs", "levelized_cost_of_heat", "", True, "MWh-1", "levelized cost of heat in {currency}",
-     "fixed charges and operation of a year divided by the energy of 365 days: the heat of the receiver, or the "
-     "energy on the receiver if the study has no absorptance and losses"),
-)  # fmt: skip
-#: Row of the variable that contains the heat power at each instant.
-SERIES_ROW = ("heat field weather", "field_heat_power", "time", False, "MW", "heat of the receiver at each instant",
-              _HEAT)  # fmt: skip
 
 
 class ThermalLosses(Block):
@@ -125,10 +106,6 @@ class Economics(Block):
                                 show_value=False)  # fmt: skip
 
 
-#: Reserved names of swept keys, which layout columns must not use.
-NAMES = ("absorptance", "thermal_losses", "thermal_losses_per_area", "item", *Economics.model_fields)
-
-
 def has_heat(study: FieldEfficiencyStudy) -> bool:
     """Return True if the study specifies an absorptance or thermal losses of the receiver."""
     return study.receiver.absorptance is not None or study.receiver.thermal_losses is not None
@@ -159,7 +136,7 @@ def check_losses(study: FieldEfficiencyStudy) -> Iterator[Problem]:
     if losses.file is not None:
         read_losses(study.resolve(losses.file), losses.file)
         return
-    dni = IRRADIANCE if point is None else point.dni
+    dni = 1000.0 if point is None else point.dni
     keys = dict.fromkeys(("heliostat.width", "heliostat.height"), max)
     areas = (
         float(np.sum(math.prod(layout.values(key.rpartition(".")[2], values.get(key)) for key in keys)))

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from heliosweep.config import Block, Choice, Fault, Quantity, SunDirections, Sweep, ends
 from heliosweep.families.field_efficiency.heat import has_heat
-from heliosweep.grid.regions import Variable, quantity
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
@@ -32,16 +31,6 @@ _NEEDS: dict[str, tuple[str, ...]] = {
     "design_point_total_efficiency": ("optics", "design_point"),
     "design_point_optical_efficiency": ("design_point",),
 }
-
-_DESCRIBED = {
-    "kept": ("1 for a kept heliostat, 0 for a removed heliostat", "results are for the kept heliostats"),
-    "selection_rank": (
-        "rank of the heliostat by 'keep.by' in the field before the selection, 1 for the best",
-        "heliostats with equal values are ranked in the order of the layout",
-    ),
-}
-#: Names of the variables that describe the selection.
-NAMES = tuple(_DESCRIBED)
 
 
 class Keep(Block):
@@ -95,12 +84,3 @@ def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
         yield Fault("needs 'receiver.absorptance' or 'receiver.thermal_losses': add one", ("keep", "heat_power"))
     if study.output.outlines:
         yield Fault("cannot be used with 'keep': remove one of them", ("output", "outlines"))
-
-
-def keep_variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
-    """Return the variables that describe the selection."""
-    if study.keep is None:
-        return {}
-    return {
-        name: quantity(("heliostat",), "1", long_name, comment) for name, (long_name, comment) in _DESCRIBED.items()
-    }

@@ -61,8 +61,6 @@ _OUTAGES = {
 YEARS = 3
 #: Annual energies with exceedance values, and the probability of exceedance for each value.
 _EXCEEDED, _PROBABILITIES = ("field_receiver_energy", "field_heat"), {"p50": 0.5, "p90": 0.9}
-#: Reserved dimension names of swept keys, which layout columns must not use.
-NAMES = ("tower_radius", "tower_top", "availability")
 
 
 class Tower(Block):

@@ -37,17 +37,12 @@ from heliosweep.config import (
 from heliosweep.config import Layout as LayoutBlock
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.aim import Aim, aim_problems
-from heliosweep.families.field_efficiency.budget import NAMES as BUDGET_NAMES
 from heliosweep.families.field_efficiency.budget import budget_problems
-from heliosweep.families.field_efficiency.flux import NAMES as FLUX_NAMES
-from heliosweep.families.field_efficiency.flux import FluxMap, has_instant, is_limited
-from heliosweep.families.field_efficiency.heat import NAMES as HEAT_NAMES
+from heliosweep.families.field_efficiency.flux import DIMS, FluxMap, has_instant, is_limited
 from heliosweep.families.field_efficiency.heat import Economics, check_losses, heat_rules
-from heliosweep.families.field_efficiency.keep import NAMES as KEEP_NAMES
 from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
 from heliosweep.families.field_efficiency.limited import limit_rules
-from heliosweep.families.field_efficiency.losses import NAMES as LOSS_NAMES
 from heliosweep.families.field_efficiency.losses import Availability, FieldSite, Tower, check_availability, check_tower
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import NAMES as VARIABLE_NAMES
@@ -67,8 +62,9 @@ RESERVED = frozenset((
     *("heliostat", "time", "utc", "day", "declination", "solar_hour", "site", "latitude", "longitude", "altitude"),
     *("tracking", "layout", "clearance", "inner_radius", "rings", "pivot_height", "receiver_height"),
     *("heliostat_width", "heliostat_height", "heliostat_count", "month", "stage", "cause", "effect", "image", "corner"),
-    *("aim_levels", "flux_limit", "kept_heliostats", "kept_power", "kept_heat", "kept_by"),
-    *(*DIMENSIONS, *NAMES, *VARIABLE_NAMES, *FLUX_NAMES, *KEEP_NAMES, *HEAT_NAMES, *LOSS_NAMES, *BUDGET_NAMES),
+    *("aim_levels", "flux_limit", "kept_heliostats", "kept_power", "kept_heat", "kept_by", "item"),
+    *("absorptance", "thermal_losses", "thermal_losses_per_area", "tower_radius", "tower_top", "availability"),
+    *(*DIMENSIONS, *NAMES, *VARIABLE_NAMES, *DIMS, *Economics.model_fields, "budget_part", "budget_cause"),
 ))  # fmt: skip
 
 

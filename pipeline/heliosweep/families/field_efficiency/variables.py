@@ -7,14 +7,14 @@ descriptions. The family's computation returns the values under this name.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from heliosweep.aiming import VARIABLES
 from heliosweep.config import SunDirections
-from heliosweep.families.field_efficiency.budget import budget_variables
-from heliosweep.families.field_efficiency.flux import flux_variables, limit_variables
-from heliosweep.families.field_efficiency.heat import ROWS, SERIES_ROW, has_heat
-from heliosweep.families.field_efficiency.keep import keep_variables
+from heliosweep.families.field_efficiency.flux import IRRADIANCE, has_instant, is_limited, varies
+from heliosweep.families.field_efficiency.heat import has_heat
 from heliosweep.families.field_efficiency.losses import year_variables
 from heliosweep.grid.regions import Variable, quantity, with_best
 
@@ -83,7 +83,7 @@ DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
 PRODUCT = "factored_efficiency"
 FACTORED = "field_efficiency_factored"
 #: Variables with random errors from ray tracing: heliostat efficiencies (including the design point), and all such
-#: variables. Results with draws omit their standard errors.
+#: variables. Results with draws omit most standard errors, except those of flux maps.
 NOISY = tuple(f"{of}{name}_efficiency" for of in ("", "design_point_")
               for name in ("shading", "blocking", "optical", "intercept", "total"))  # fmt: skip
 _NOISY = (
@@ -91,6 +91,7 @@ _NOISY = (
     *("receiver_energy", "field_receiver_energy", "heliostat_monthly_receiver_energy", "monthly_receiver_energy"),
     *("heliostat_loss", "loss", "instantaneous_total_efficiency", "field_instantaneous_total_efficiency"),
 )  # fmt: skip
+_MAPS = ("flux_map", "peak_flux", "mean_flux", "energy_flux_map")
 _DRAWN_NOISY = tuple(f"{of}{name}" for of in ("", "field_") for name in
                      ("optical_efficiency", "intercept_efficiency", "total_efficiency", "receiver_energy"))  # fmt: skip
 #: Number of months in a year.
@@ -102,6 +103,7 @@ OUTLINES = ("outline_u", "outline_v", "outline_area", "outline_heliostat", "outl
 _INCIDENT = (
     "direct normal irradiation of the mirror area with the sun above the horizon, including instants outside the limits"
 )
+_HEAT = "absorbed light minus thermal losses; 0 at instants with larger losses"
 _WHOLE = "intervals in which the sun rises or sets are counted in full"
 _LOSS = (
     "the sum over all stages is incident minus received energy; shading is the shaded part of "
@@ -140,11 +142,7 @@ _SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit"
 Row = tuple[Any, ...]
 
 
-#: Placeholder row for the variables of selections and flux maps.
-_OTHERS: Row = ("others", "kept", "", False)
-
-
-#: Variables that do not depend on the optics, and the placeholder for variables of selections and flux maps.
+#: Variables that do not depend on the optics, except means over the period.
 _GEOMETRY: tuple[Row, ...] = (
     *(row for axis, comment in _AXES.items() for row in (
         ("angles directions", f"{axis}_angle", "heliostat", False, "degree", f"angle of the {axis} axis", comment),
@@ -171,7 +169,32 @@ _GEOMETRY: tuple[Row, ...] = (
     ("geometry", "field_packing_factor", "", True, "1", "area of all mirrors divided by the land area"),
     ("geometry", "field_mean_radius", "", True, "m", "mean distance of the heliostats from the tower",
      "weighted by mirror area"),
-    _OTHERS,
+    ("kept", "kept", "heliostat", False, "1", "1 for a kept heliostat, 0 for a removed heliostat",
+     "results are for the kept heliostats"),
+    ("kept", "selection_rank", "heliostat", False, "1",
+     "rank of the heliostat by 'keep.by' in the field before the selection, 1 for the best",
+     "heliostats with equal values are ranked in the order of the layout"),
+    ("mapped", "flux_map", "flux_row flux_column", False, "kW m-2", "flux on the receiver",
+     "mean over each cell of the flux from all heliostats, {instant}"),
+    ("mapped", "peak_flux", "", False, "kW m-2", "largest flux of a cell of the receiver",
+     "corrected for the bias that noise of the rays causes, {instant}"),
+    ("mapped", "mean_flux", "", False, "kW m-2", "mean flux on the receiver",
+     "power on the receiver over its whole surface, {instant}"),
+    ("mapped limit", "power_above_limit", "", False, "1",
+     "share of the power on cells with a flux above the limit", "limit: {limit:g} kW/m2"),
+    ("map weather", "energy_flux_map", "flux_row flux_column", False, "MWh m-2",
+     "energy on the receiver over the period", "mean over each cell"),
+    *((f"limited {when}", name, " ".join((*time, *dims)), False, units, words, "{aimed}")
+      for when, time in (("once", ()), ("varies", ("time",))) for name, (dims, units, words) in VARIABLES.items()),
+    ("budget", "budget_energy", "", False, "MWh",
+     "energy of the field on the receiver without the causes of the budget"),
+    ("budget", "budget_stage_loss", "stage", False, "MWh",
+     "energy of the field lost at each stage without the causes of the budget",
+     "incident energy, minus the losses of all stages and all parts of the budget, is the energy received"),
+    ("budget", "budget_loss", "budget_part", False, "MWh", "energy of the field lost to each cause alone",
+     "the last part is the interaction of the causes; the sum over all parts is the loss of all causes together"),
+    ("budget", "budget_gain", "budget_cause", False, "MWh",
+     "energy of the field gained if only one cause is removed"),
 )  # fmt: skip
 _INSTANTS: tuple[Row, ...] = (
     ("series weather", "instantaneous_power", "time heliostat", False, "kW", "{power} at each instant",
@@ -234,7 +257,15 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
         *(("design", f"field_design_point_{name}", "", True, "1", f"mean {words} at the design point of the field",
            comment, _AREA) for name, (words, comment) in now.items()),
         ("design", "design_point_power", "", True, "MW", "{power} at the design point"),
-        *ROWS,
+        ("heat weather", "field_heat", "", False, "MWh", "heat of the receiver over the period", _HEAT),
+        ("heat weather", "monthly_heat", "month", False, "MWh", "heat of the receiver in each month", _HEAT),
+        ("heat design", "design_point_heat", "", True, "MW", "heat of the receiver at the design point", _HEAT),
+        ("costs", "capital_cost", "item", True, "1", "capital cost in {currency}", "of field, tower and receiver"),
+        ("costs", "total_capital_cost", "", True, "1", "capital cost of all items in {currency}",
+         "of field, tower and receiver"),
+        ("costs", "levelized_cost_of_heat", "", True, "MWh-1", "levelized cost of heat in {currency}",
+         "fixed charges and operation of a year divided by the energy of 365 days: the heat of the receiver, or the "
+         "energy on the receiver if the study has no absorptance and losses"),
         *(("series", f"instantaneous_{name}", "time heliostat", False, "1", f"{words} at each instant",
            f"{comment}; missing at night") for name, (words, comment) in series.items()),
         *_INSTANTS,
@@ -248,66 +279,79 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
         ("field", "sun_elevation", "time", False, "degree", "geometric elevation of the sun", "missing at night"),
         ("field weather", "field_power", "time", False, "MW", "{power} of the field",
          "0 if the field does not operate"),
-        SERIES_ROW,
+        ("heat field weather", "field_heat_power", "time", False, "MW", "heat of the receiver at each instant", _HEAT),
     ]  # fmt: skip
 
 
 #: Reserved names of all variables, including variables that a study does not have. Layout columns must not use them.
+#: Variables of aim points are reserved only if aim points are chosen, because layouts may contain aim points.
 NAMES = frozenset((
-    *(name for directions in (False, True) for _, name, *_ in rows(True, directions, "")),
-    *(f"{name}_error" for name in _NOISY),
+    *(name for directions in (False, True) for has, name, *_ in rows(True, directions, "") if "limited" not in has),
+    *(f"{name}_error" for name in (*_NOISY, *_MAPS)),
 ))  # fmt: skip
 
 
-def _declared(row: Row, optics: bool, currency: str) -> Variable:
-    """Return the variable described by a row of the table.
+def _declared(row: Row, words: Mapping[str, Any]) -> Variable:
+    """Return the variable described by a row of the table, with `words` inserted in its long name and comment.
 
     Its cell methods include that means of an intercept are weighted by the light leaving the mirrors.
     """
     padded: Row = (*row, *[""] * (8 - len(row)))
     _, name, dims, finished, units, long_name, comment, methods = padded
-    received = "energy on the receiver" if optics else "energy sent towards the receiver"
-    power = "power on the receiver" if optics else "power sent towards the receiver"
-    more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if "efficiency" in name else {}
+    fraction = "efficiency" in name or name in ("power_above_limit", "limit_loss", "aim_gap")
+    more: dict[str, Any] = {"valid_range": [0.0, 1.0]} if fraction else {}
     if "intercept" in name:
         light = r"\1: mean (weighted by the light that leaves the mirrors)"
         methods = re.sub(r"(time|area): mean \(.*?\)", light, methods)
     if methods or units == "MWh":
         more["cell_methods"] = methods or "time: sum"
-    words = long_name.format(received=received, power=power, currency=currency)
-    return quantity(tuple(dims.split()), units, words, comment, finished=finished, **more)
+    comment = comment.format(**words)
+    return quantity(tuple(dims.split()), units, long_name.format(**words), comment, finished=finished, **more)
 
 
 def _properties(study: FieldEfficiencyStudy) -> set[str]:
-    """Return the study's properties that are mentioned in the table rows."""
-    output, weather, design = study.output, study.weather is not None, study.design_point is not None
-    costs = study.economics is not None
+    output, weather, point, costs = study.output, study.weather is not None, study.design_point, study.economics
+    directions, mapped = isinstance(study.time, SunDirections), study.output.flux_map
     return {name for name, has in {
-        "exact": study.optics is None,
-        "directions": isinstance(study.time, SunDirections), "period": not isinstance(study.time, SunDirections),
+        "exact": study.optics is None, "directions": directions, "period": not directions,
         "angles": output.tracking_angles, "outlines": output.outlines, "geometry": output.field_geometry,
-        "weather": weather, "design": design, "sizes": output.field_geometry or weather or design, "costs": costs,
-        "heat": has_heat(study), "land": output.field_geometry or costs,
+        "weather": weather, "design": point, "sizes": output.field_geometry or weather or point, "costs": costs,
+        "heat": has_heat(study), "land": output.field_geometry or costs, "kept": study.keep,
         "series": output.time_series, "field": output.field_series or (output.time_series and weather),
+        "map": mapped, "mapped": mapped and has_instant(study), "limit": mapped and mapped.limit is not None,
+        "limited": is_limited(study), "varies": varies(study), "once": not varies(study),
+        "budget": study.budget is not None,
     }.items() if has}  # fmt: skip
+
+
+def _words(study: FieldEfficiencyStudy) -> dict[str, Any]:
+    """Return the words that replace names in braces in the table rows."""
+    costs, mapped, instant = study.economics, study.output.flux_map, f"direct normal irradiance {IRRADIANCE:g} W/m2"
+    way = "sent towards" if study.optics is None else "on"
+    return {
+        "received": f"energy {way} the receiver",
+        "power": f"power {way} the receiver",
+        "currency": costs.currency or "USD" if costs else "",
+        "instant": "at the design point" if study.design_point else instant,
+        "aimed": "at the design point" if study.design_point else "at each instant" if study.weather else instant,
+        "limit": mapped.limit if mapped else None,
+    }
 
 
 def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     """Return the variables with their inner dimensions. If sun directions are given, there are no means over time."""
-    currency = study.economics.currency or "USD" if study.economics else ""
-    optics, properties, found = study.optics, _properties(study), dict[str, Variable]()
+    optics, properties, words = study.optics, _properties(study), _words(study)
     by_month = optics is not None and optics.cleanliness_by_month is not None
     constant = frozenset(("attenuation_efficiency", *["reflection_efficiency"] * (not by_month)))
     mean = _WEIGHTED if "weather" in properties else _MEAN
-    for row in rows(optics is not None, "directions" in properties, mean, constant):
-        if row is _OTHERS:
-            found |= keep_variables(study) | flux_variables(study) | limit_variables(study) | budget_variables(study)
-        elif properties.issuperset(row[0].split()):
-            found[row[1]] = _declared(row, optics is not None, currency)
-    for name in (_NOISY if study.sample is None else _DRAWN_NOISY) if optics is not None else ():
+    table = rows(optics is not None, "directions" in properties, mean, constant)
+    found = {row[1]: _declared(row, words) for row in table if properties.issuperset(row[0].split())}
+    for name in (*(_NOISY if study.sample is None else _DRAWN_NOISY), *_MAPS) if optics is not None else ():
         if name in found:
-            words = f"standard error of the {found[name].attrs['long_name']}"
-            attrs = {"units": found[name].attrs["units"], "long_name": words, "comment": "by independent sets of rays"}
+            long_name = f"standard error of the {found[name].attrs['long_name']}"
+            attrs = {
+                "units": found[name].attrs["units"], "long_name": long_name, "comment": "by independent sets of rays"
+            }  # fmt: skip
             found[f"{name}_error"] = replace(found[name], attrs=attrs)
     found |= year_variables(study, found)
     fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.heliostats is None else ()
