@@ -11,7 +11,8 @@ import xarray as xr
 import heliosweep
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.budget import budget_columns, draw_budget
+from heliosweep.families.field_efficiency.drawing import error_budget
+from heliosweep.families.field_efficiency.figures import budget_columns
 from heliosweep.layouts.resolve import Layouts
 from tests.conftest import STUDIES
 from tests.families.field_efficiency.test_energy import BLOCKS
@@ -50,7 +51,7 @@ def test_parts_sum_to_the_total_loss_and_stages_to_the_rest(budget):
 
 
 def test_the_figure_and_the_table_have_each_part(budget):
-    drawing, note = draw_budget("", budget)
+    drawing, note = error_budget(budget)
     axes = drawing.axes[0]
     shown = ["spillage without causes", *BUDGET, "interaction", "all causes"]
     assert [label.get_text() for label in axes.get_yticklabels()] == shown
@@ -144,7 +145,7 @@ def test_losses_of_draws_have_statistics_and_indices(small):
     total = result["budget_loss_total_index"].sel(budget_part="dirt")
     assert float(total.sel(parameter="optics.slope_error")) == pytest.approx(0.0, abs=1e-12)
     assert float(total.sel(parameter="optics.soiling.rate")) > 0.5
-    drawing, note = draw_budget("_sample_mean", result)
+    drawing, note = error_budget(result)
     dirt = drawing.axes[0].texts[2].get_text()
     of_dirt, whole = result.sel(budget_part="dirt"), result["budget_energy_sample_mean"]
     mean, deviation = (

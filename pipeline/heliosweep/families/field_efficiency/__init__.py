@@ -37,7 +37,7 @@ class FieldEfficiency(Family):
 
     def figures_of_draws(self, result: xr.Dataset) -> Iterable[Figure]:
         """Return the figure of the error budget if the result has one."""
-        from heliosweep.families.field_efficiency.budget import budget_figure
+        from heliosweep.families.field_efficiency.figures import budget_figure
 
         return [budget_figure(result)] if "budget_loss_sample_mean" in result else []
 

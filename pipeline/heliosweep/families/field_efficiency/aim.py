@@ -2,25 +2,40 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.aiming import SLACK, aim_grid, off_receiver
-from heliosweep.config import Block, Choice, Fault, ListOfNumbers, Quantity, Sweep
-from heliosweep.errors import Problem, listed
+from heliosweep.aiming import (
+    RAYS,
+    SLACK,
+    VARIABLES,
+    aim_grid,
+    image_bytes,
+    limited_aims,
+    off_receiver,
+    targets,
+)
+from heliosweep.config import Block, Choice, Fault, ListOfNumbers, Quantity, SunDirections, Sweep
+from heliosweep.errors import Problem, StudyError, listed
+from heliosweep.families.field_efficiency.chain import Geometry, Inputs, Way, values_of
+from heliosweep.families.field_efficiency.flux import IRRADIANCE, cells_of, has_instant, is_limited, varies
 from heliosweep.families.field_efficiency.optics import KEYS
+from heliosweep.grid.sun import instant_count
+from heliosweep.kernels import rays
 from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import MAX_LISTED
 from heliosweep.layouts.resolve import SIZE_COLUMNS
 
 if TYPE_CHECKING:
-    from heliosweep.families.field_efficiency.chain import Geometry, Way
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
+    from heliosweep.families.field_efficiency.traced import TracedField
+    from heliosweep.families.field_efficiency.values import Hours
+    from heliosweep.families.points import Point
     from heliosweep.layouts.layout import Layout
-
 
 STRATEGIES = {
     "centre": "all at the middle of the receiver; of a cylinder, at the point of this height that faces the heliostat",
@@ -134,7 +149,7 @@ def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
         sides = 2.0 * np.stack(mirrors[3:5], axis=1)
         height = np.maximum(0.0, room(way, centre, sides, middle))
         level = 2.0 * (turns(centre) % count) / (count - 1) - 1.0
-        middle += (level * height)[:, np.newaxis] * axes(way)[1]
+        middle += (level * height)[:, np.newaxis] * way.receiver.upward
     return middle
 
 
@@ -147,21 +162,12 @@ def turns(centre: Floats) -> NDArray[np.int64]:
     return place
 
 
-def axes(way: Way) -> tuple[Floats, Floats]:
-    """Return unit vectors along the width and the height of the receiver; a cylinder has only its vertical axis."""
-    from heliosweep.families.field_efficiency.chain import receiver_of
-
-    receiver = receiver_of(str(way.study.receiver.kind), way.values)
-    return np.array(receiver.across), np.array(receiver.upward)
-
-
 def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
     """Return each aim point's maximum height above the receiver's centre; negative if the spot is too large. [m]"""
-    away = middle - centre
+    away, receiver = middle - centre, way.receiver
     slant = np.sqrt(np.sum(away**2, axis=1))
-    across, upward = axes(way)
-    along, aside = away @ upward / slant, away @ across / slant
-    if way.study.receiver.kind == "cylinder":
+    along, aside = away @ receiver.upward / slant, away @ receiver.across / slant
+    if receiver.kind == rays.CYLINDER:
         aside = np.zeros_like(along)
     square = np.maximum(1.0 - along**2 - aside**2, 1e-9)  # cosine of incidence on the receiver
     return 0.5 * float(way.values["height_extent"]) - SPOT * way.spot(slant, sides) * np.sqrt((1.0 - aside**2) / square)
@@ -171,8 +177,6 @@ def aim_problems(
     study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
 ) -> Iterator[Problem | str]:
     """Yield the problems and warnings about aim points at the first point of the result that has any."""
-    from heliosweep.families.field_efficiency.chain import Inputs, Way, values_of
-
     inputs = Inputs(study)
     for layout, given in points:
         way = Way(study, inputs, layout, values_of([given.get(key) for key in KEYS]))
@@ -183,8 +187,6 @@ def aim_problems(
 
 def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
     """Yield problems and warnings about aim points at one point of the result."""
-    from heliosweep.families.field_efficiency.chain import receiver_of
-
     study, layout = way.study, way.layout
     centre = np.stack((layout.x, layout.y, layout.z + given["heliostat.pivot_height"]), axis=1)
     assert study.aim is not None
@@ -197,7 +199,7 @@ def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
             yield from _off(way, centre)
         return
     if study.aim.strategy == "flux_limit":
-        receiver = receiver_of(str(study.receiver.kind), way.values)
+        receiver = way.receiver
         points = aim_grid(receiver, centre, study.aim.rows, study.aim.columns, np.radians(study.aim.azimuth_span))
         if (unseen := np.flatnonzero((off_receiver(receiver, centre, points) > SLACK).any(axis=0))).size:
             message = f"{layout.where(unseen[0])} of {layout.name} does not see the outer aim points"
@@ -219,9 +221,7 @@ def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
 
 def _off(way: Way, centre: Floats) -> Iterator[Problem]:
     """Yield a problem for each aim point that is off the receiver, or on a side that faces away from the heliostat."""
-    from heliosweep.families.field_efficiency.chain import receiver_of
-
-    layout, receiver = way.layout, receiver_of(str(way.study.receiver.kind), way.values)
+    layout, receiver = way.layout, way.receiver
     points = np.stack([layout.columns[key].astype(float) for key in COLUMNS], axis=1)
     away = off_receiver(receiver, centre, points)
     bad = np.flatnonzero(~(away <= SLACK))
@@ -234,3 +234,94 @@ def _off(way: Way, centre: Floats) -> Iterator[Problem]:
         return Problem(f"heliostat {row} aims {what}: {place}", file=layout.name, line=line)
 
     yield from listed(map(problem, bad.tolist()), MAX_LISTED, len(bad), "more problems of this kind")
+
+
+#: Maximum number of instants for which aim points can be chosen separately.
+MOST_INSTANTS = 100
+
+
+def limit_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]]:
+    """Yield the rules for a flux limit: the condition for a fault, the key and the message."""
+    instants, shown = instant_count(study.time), study.output.flux_map
+    some = isinstance(study.time, SunDirections) or study.design_point or instants > MOST_INSTANTS
+    yield (
+        is_limited(study) and not varies(study) and not has_instant(study), "aim",
+        "requires an instant at which the flux is limited: add 'design_point', or set 'at: instants'",
+    )  # fmt: skip
+    yield (
+        varies(study) and some, "aim.at",
+        f"is for times at a site without 'design_point', at most {MOST_INSTANTS} (got {instants:,}): remove it",
+    )  # fmt: skip
+    yield (
+        is_limited(study) and shown and (shown.rows, shown.columns) != cells_of(study), "output.flux_map",
+        f"must have the cells of the limit, {' x '.join(map(str, cells_of(study) or ()))}: set 'aim.flux_rows' and "
+        "'aim.flux_columns' to its rows and columns",
+    )  # fmt: skip
+
+
+def images(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> tuple[float, int]:
+    """Return the number of rays per heliostat for images at all instants, and the memory for the images. [1, bytes]"""
+    if study.aim is None or not is_limited(study):
+        return 0.0, 0
+    aims, kind = study.aim.rows * study.aim.columns, rays.CYLINDER if study.receiver.kind == "cylinder" else 0
+    size = image_bytes(kind, heliostats, aims, (study.aim.flux_rows, study.aim.flux_columns), RAYS)
+    return float(aims * RAYS * (instants if varies(study) else 1)), size
+
+
+def limited(point: Point, field: Any, sun: Floats, hours: Hours | None) -> Any:
+    """Return the field with aim points under its flux limit, if any, for the design point or for each instant.
+
+    Raises
+    ------
+    StudyError
+        If the flux of a single heliostat exceeds the limit.
+    """
+    study, aim, design = point.study, point.study.aim, point.study.design_point
+    if not is_limited(study):
+        return field
+    dni, months = np.full(len(sun), IRRADIANCE), field.months
+    if design is not None and field.place[0] is not None:
+        sun, dni, months = design.sun(field.place[0]), np.array([design.dni]), np.array([design.month()])
+    elif hours is not None:
+        dni, months = hours.dni, hours.month
+    share = np.multiply.outer(1e-3 * dni * field.way.reflected(months, len(sun)), field.share)
+    limit = np.full((aim.flux_rows, aim.flux_columns), point["aim.limit"])
+    for row, value in aim.limits or ():
+        limit[int(row)] = value
+    scene, span = field.scene, np.radians(aim.azimuth_span)
+    points = aim_grid(scene.receiver, scene.centre, aim.rows, aim.columns, span)
+
+    def chosen() -> dict[str, Floats]:
+        found = dict[str, Any]()
+        sizes = {"heliostat": len(scene.centre), "flux_row": aim.flux_rows, "flux_column": aim.flux_columns}
+        for k in np.flatnonzero((sun[:, 2] > 0.0) & (dni > 0.0)):
+            try:
+                values = limited_aims(
+                    scene,
+                    sun[k : k + 1],
+                    points,
+                    aim.safety * limit,
+                    share[k],
+                    seed=study.optics.seed,
+                    threads=field.threads,
+                )
+            except ValueError as error:
+                raise StudyError(study.problem("aim.limit", f"{error}; increase it")) from None
+            for name, (dims, *_) in VARIABLES.items():
+                found.setdefault(name, np.full((len(sun), *(sizes[dim] for dim in dims)), np.nan))[k] = values[name]
+        return found
+
+    key = pickle.dumps((scene, sun, share, limit))
+    return with_aims(field, field.way.inputs.last("aims", key, chosen))
+
+
+def with_aims(field: TracedField, aims: Mapping[str, Floats]) -> TracedField:
+    """Return a field with other aim points. `aims` contains the values of `VARIABLES`, for one or for all instants."""
+    if not aims:
+        return field
+    field = field._replace(aims=aims)
+    target = targets(field.scene, np.stack([aims[f"aim_{axis}"] for axis in "xyz"], axis=-1))
+    if varies(field.study):
+        return field._replace(targets=target)
+    mirrors = (*field.mirrors[:5], target[0], field.mirrors[6])
+    return field._replace(mirrors=mirrors, scene=field.scene._replace(target=target[0]))

@@ -8,7 +8,6 @@ these losses is the interaction of the causes. All energies use the same rays.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,18 +17,15 @@ from heliosweep.energy import INTERACTION, budget_losses
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.kernels.compiled import Floats
-from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
-    from heliosweep.report.figures import Figure
 
 #: Undisturbed values of the keys of each cause, by the name of the cause.
 Causes = dict[str, dict[str, Any]]
 #: Keys that a cause may contain.
 ALLOWED = (*(key for key in KEYS if not key.endswith((".seed", ".rays", ".precision"))), "tracking",
            "availability.fraction")  # fmt: skip
-_PART, _CAUSE = "budget_part", "budget_cause"
 #: Function that computes the energy on the receiver and the energy lost at each stage for given key values. [MWh]
 Energies = Callable[[Mapping[str, Any]], tuple[Floats, Floats]]
 
@@ -109,7 +105,7 @@ def budget_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
         np.array([*causes, INTERACTION], object),
         words | {"comment": f"{INTERACTION}: loss of all causes minus the losses of each cause"},
     )
-    return {_PART: parts, _CAUSE: (np.array(causes, object), words)} if causes else {}
+    return {"budget_part": parts, "budget_cause": (np.array(causes, object), words)} if causes else {}
 
 
 def budget_values(study: FieldEfficiencyStudy, energies: Energies, actual: float) -> dict[str, Floats]:
@@ -135,71 +131,3 @@ def budget_values(study: FieldEfficiencyStudy, energies: Energies, actual: float
         "budget_loss": budget_losses(undisturbed, actual, alone),
         "budget_gain": without - actual,
     }
-
-
-def budget_columns(result: xr.Dataset) -> list[xr.DataArray]:
-    """Return the columns of the budget table: the loss of each part, and the gain from removing each cause."""
-    named = (("budget_loss", _PART, "{}"), ("budget_gain", _CAUSE, "gain without {}"))
-    return [result[name].sel({dim: label}, drop=True).rename(words.format(label))
-            for name, dim, words in named if name in result for label in result[dim].to_numpy()]  # fmt: skip
-
-
-def budget_figure(result: xr.Dataset) -> Figure:
-    """Return the declaration of the budget figure, which shows means if the result has draws."""
-    from heliosweep.report.figures import Special
-
-    mean = "_sample_mean" * ("budget_loss_sample_mean" in result)
-    names = [f"budget_{name}{mean}" for name in ("loss", "gain", "energy", "stage_loss")]
-    title = f"{'Mean e' if mean else 'E'}nergy lost to each cause, relative to the energy without the causes"
-    return Special("error_budget", title, names, draw=partial(draw_budget, mean))
-
-
-def draw_budget(mean: str, result: xr.Dataset) -> Any:
-    """Draw a waterfall chart of the loss due to each cause for some points of the sweep.
-
-    `mean` is the suffix of variables that contain means over the draws; it is empty without draws. With draws, error
-    bars show the standard deviation.
-    """
-    from heliosweep.report.context import Context, at, fold
-    from heliosweep.report.draw import label_outside, panels
-    from heliosweep.report.figures import COLOURS
-
-    context, energy = Context(result), result[f"budget_energy{mean}"]
-    dim = next((str(one) for one in energy.dims if energy.sizes[one] > 1), "")
-    fixed, points = context.fixed(energy, dim), context.chosen(dim, 4)
-    rest = ["spillage without causes"] * ("spillage" in result["stage"].to_numpy())
-    parts = [*rest, *map(str, result[_PART].to_numpy()), "all causes"]
-    shown = {"loss": f"loss{mean}", "gain": f"gain{mean}", "spread": "loss_sample_standard_deviation"}
-    drawing, grid = panels(len(points), 2, 0.08 * len(parts), wide=True, sharex=True, sharey=True)
-    for axes, point in zip(grid, points, strict=True):
-        values = {name: 100 * at(result[f"budget_{of}"] / energy, fixed, point).to_numpy()
-                  for name, of in shown.items() if f"budget_{of}" in result}  # fmt: skip
-        lost, spread = values["loss"], values.get("spread", np.zeros(len(parts) - len(rest) - 1))
-        spilled = [100 * float(at(result[f"budget_stage_loss{mean}"].sel(stage=name.split()[0]) / energy, fixed, point))
-                   for name in rest]  # fmt: skip
-        lengths = np.concatenate((spilled, lost, [lost.sum()]))
-        starts = np.cumsum(lengths) - lengths
-        starts[-1] = sum(spilled)
-        spread = np.concatenate((np.zeros(len(rest)), spread, [0.0]))
-        axes.barh(range(len(parts)), lengths, left=starts, height=0.6,
-                  color=[*["#999999"] * len(rest), *[COLOURS[1]] * len(lost), COLOURS[0]])  # fmt: skip
-        if mean:
-            axes.errorbar(starts + lengths, range(len(parts)), xerr=np.where(spread > 0.0, spread, np.nan), fmt="none",
-                          ecolor="black", capsize=2)  # fmt: skip
-        gains = [*[""] * len(rest), *(f" (gain {more:.2f} %)" for more in values["gain"]), "", ""]
-        words = [f"{length:.2f}{f' ± {one:.2f}' * bool(one)} %{gain}"
-                 for length, one, gain in zip(lengths, spread, gains, strict=True)]  # fmt: skip
-        ends = starts + np.maximum(lengths, 0.0) + spread
-        for row, (word, end) in enumerate(zip(words, ends, strict=True)):
-            axes.annotate(word, (end, row), (4, 0), textcoords="offset points", va="center", fontsize=7)
-        axes.set(title=fold(context.fulls(point), 55), yticks=range(len(parts)), yticklabels=parts,
-                 xlabel="energy lost (% of the energy without the causes)")  # fmt: skip
-        axes.margins(x=0.5)
-        axes.grid(True, axis="x")
-    grid[0].set_ylim(len(parts) - 0.5, -0.5)
-    label_outside(grid, 2)
-    notes = [
-        "Gain: energy gained if only this cause is removed.",
-        "Bars: standard deviation over the draws." * bool(mean),
-    ]
-    return drawing, " ".join(filter(None, [*notes, context.note(fixed)]))

@@ -95,15 +95,6 @@ class Inputs:
         return _sun(values["kind"], values["circumsolar_ratio"] if values["kind"] == "buie" else None)
 
 
-def receiver_of(kind: str, values: Mapping[str, Any]) -> rays.Receiver:
-    """Return the receiver at a point; `values` maps the last part of each key to its value."""
-    centre = (0.0, 0.0, float(values["height"]))
-    if kind == "cylinder":
-        return rays.cylinder(centre, float(values["radius"]), float(values["height_extent"]))
-    azimuth, tilt = (math.radians(values[key] or 0.0) for key in ("azimuth", "tilt"))
-    return rays.rectangle(centre, azimuth, tilt, float(values["width"]), float(values["height_extent"]))
-
-
 @lru_cache(16)
 def _sun(kind: str, ratio: float | None) -> sunshapes.SunShape:
     if kind == "buie":
@@ -179,6 +170,15 @@ class Way(NamedTuple):
         number, bend = found.numbers(self.layout), 0.5 / slant
         return np.where(number < 0, 0.0, square[number] + 2.0 * bend * turn[number] + bend**2 * flat)
 
+    @property
+    def receiver(self) -> rays.Receiver:
+        """Receiver of the light."""
+        values, centre = self.values, (0.0, 0.0, float(self.values["height"]))
+        if self.study.receiver.kind == "cylinder":
+            return rays.cylinder(centre, float(values["radius"]), float(values["height_extent"]))
+        azimuth, tilt = (math.radians(values[key] or 0.0) for key in ("azimuth", "tilt"))
+        return rays.rectangle(centre, azimuth, tilt, float(values["width"]), float(values["height_extent"]))
+
     def errors(self) -> rays.Errors:
         """Return the random errors; slope errors have the shape (N,). [rad]"""
         values, axes = self.values, [self.values[f"slope_error_{axis}"] for axis in ("horizontal", "vertical")]
@@ -224,9 +224,9 @@ class Way(NamedTuple):
             Centres x, y, z, half widths, half heights and aim points of all mirrors [m], and the code of the tracking
             method.
         """
-        study, values, layout = self.study, self.values, self.layout
+        values, layout = self.values, self.layout
         centre, sides = np.stack(mirrors[:3], axis=1), 2.0 * np.stack(mirrors[3:5], axis=1)
-        target, tracking, grid = mirrors[5], mirrors[6], study.heliostat.facets
+        target, tracking, grid = mirrors[5], mirrors[6], self.study.heliostat.facets
         slant = slant_of(mirrors)
         facets = rays.Facets(1, 1, 0.0) if grid is None else rays.Facets(grid.columns, grid.rows, float(grid.gap))
         cant = self._ideal * 0.5 / slant if values["canting"] == "on_axis" else np.zeros(len(slant))
@@ -234,7 +234,7 @@ class Way(NamedTuple):
         return rays.Scene(
             centre, target, sides, self.curve(slant), cant,
             1e-3 * np.stack(turn, axis=1).astype(np.float64), facets, tracking, self.errors(),
-            self.inputs.sun_of(values), receiver_of(str(study.receiver.kind), values),
+            self.inputs.sun_of(values), self.receiver,
             _mount_errors(values, self.inputs, layout), self._slopes(sides[0], tracking), None,
         )  # fmt: skip
 

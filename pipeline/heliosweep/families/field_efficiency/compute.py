@@ -15,13 +15,12 @@ from heliosweep.aiming import VARIABLES
 from heliosweep.config import SunDirections
 from heliosweep.economics import ITEMS
 from heliosweep.families.family import Computation
-from heliosweep.families.field_efficiency.aim import aims
+from heliosweep.families.field_efficiency.aim import aims, images, limited, with_aims
 from heliosweep.families.field_efficiency.budget import budget_cases, budget_labels, budget_values
 from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, Way, months_of, values_of
 from heliosweep.families.field_efficiency.flux import flux_labels, is_limited, varies
 from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
 from heliosweep.families.field_efficiency.light_checks import mapped
-from heliosweep.families.field_efficiency.limited import images, limited, with_aims
 from heliosweep.families.field_efficiency.losses import (
     Available,
     causes,

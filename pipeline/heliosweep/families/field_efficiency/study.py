@@ -36,13 +36,12 @@ from heliosweep.config import (
 )
 from heliosweep.config import Layout as LayoutBlock
 from heliosweep.errors import Problem
-from heliosweep.families.field_efficiency.aim import Aim, aim_problems
+from heliosweep.families.field_efficiency.aim import Aim, aim_problems, limit_rules
 from heliosweep.families.field_efficiency.budget import budget_problems
 from heliosweep.families.field_efficiency.flux import DIMS, FluxMap, has_instant, is_limited
 from heliosweep.families.field_efficiency.heat import Economics, check_losses, heat_rules
 from heliosweep.families.field_efficiency.keep import Keep, keep_faults
 from heliosweep.families.field_efficiency.light_checks import light_faults
-from heliosweep.families.field_efficiency.limited import limit_rules
 from heliosweep.families.field_efficiency.losses import Availability, FieldSite, Tower, check_availability, check_tower
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import NAMES as VARIABLE_NAMES
