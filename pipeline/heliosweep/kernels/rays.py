@@ -462,7 +462,7 @@ def _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver
         f[43 + c] = receiver[3 + c]
 
 
-@inner(fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def trace_pairs(
     block, blocks, problem, sums, flux, whole, r, cell, counts, f, found, frames, stamp
 ):  # fmt: skip
@@ -480,7 +480,8 @@ def trace_pairs(
         weights,
         group,
         points,
-        rays,
+        count,
+        passes,
         spinning,
         field,
         mirrors,
@@ -503,8 +504,9 @@ def trace_pairs(
         area,
         stride,
     ) = problem
-    count, passes, each, many = min(rays, _LANES), max(1, rays // _LANES), REPLICATES / rays, stop - start
+    each, many = REPLICATES / (count * passes), stop - start
     rows, columns, light, cells = flux.shape[2], flux.shape[3], flux.reshape(-1), flux.shape[2] * flux.shape[3]
+    by_group = sums.reshape(REPLICATES, -1, QUANTITIES)
     for k in range(lane(), _LANES, lanes()):
         r[_E + k] = r[_F + k] = _ZERO
     for pair in range(block, many * (end - begin), blocks):
@@ -554,8 +556,8 @@ def trace_pairs(
             _count(r, count, counts, tower[0] > 0.0)
             barrier()
         _add(
-            sums[:, i - start], group[t], counts, weights[0, t] * scale[0], weights[1, t] * scale[0], cosine, each,
-            1.0 / scale[0],
+            by_group, (i - start) * sums.shape[2] + group[t], counts, weights[0, t] * scale[0],
+            weights[1, t] * scale[0], cosine, each, 1.0 / scale[0],
         )  # fmt: skip
         if whole.shape[1] > 0:
             _add(
@@ -574,16 +576,6 @@ def _add(sums, m, counts, w0, w1, cosine, each, unit):
         parts = (v0, w0 * a, w0 * b, v0 * a, v0 * b, v0 * both, v0 * hit, v0 * light, v1 * both, v1 * light, v0 * past)
         for k, part in enumerate(parts):
             add(sums, (c, m, k), math.floor(part + 0.5) * unit)
-
-
-@kernel(fastmath=_FAST)
-def _trace(problem, sums, flux, whole, count):
-    """Trace rays of heliostats start..stop at instants begin..end on one core; add to sums, flux and `whole`."""
-    trace_pairs(
-        0, 1, problem, sums, flux, whole, np.zeros(_ROWS * _LANES, np.float32), np.zeros(_LANES, np.int32),
-        np.zeros(6 * REPLICATES), np.zeros(_CONSTANTS, np.float32), np.empty(count, np.int64), np.empty((count, 12)),
-        np.full(count, -1),
-    )  # fmt: skip
 
 
 def _sobol(rng: np.random.Generator, power: int) -> Floats:
@@ -734,9 +726,9 @@ def trace(
         part = np.zeros((REPLICATES, end - begin, groups, QUANTITIES))
         whole = np.zeros((REPLICATES, instants, QUANTITIES))
         problem = (
-            begin, end, sun, first, last, weights, group, table, rays, scene.tracking != AZIMUTH_ELEVATION, field,
-            mirrors, grid, names, rank, blockers, firsts, limits, turn, optics, receiver, place, slope, number,
-            maps.facet, tower, scale, share, area, stride,
+            begin, end, sun, first, last, weights, group, table, min(rays, _LANES), passes,
+            scene.tracking != AZIMUTH_ELEVATION, field, mirrors, grid, names, rank, blockers, firsts, limits, turn,
+            optics, receiver, place, slope, number, maps.facet, tower, scale, share, area, stride,
         )  # fmt: skip
         if cuda:
             parts = (  # called functions first
@@ -749,7 +741,11 @@ def trace(
                 (end - begin) * (last - first), part, flux, whole,
             )  # fmt: skip
         else:
-            _trace(problem, part, flux, whole, count)
+            trace_pairs(
+                0, 1, problem, part, flux, whole, np.zeros(_ROWS * _LANES, np.float32), np.zeros(_LANES, np.int32),
+                np.zeros(6 * REPLICATES), np.zeros(_CONSTANTS, np.float32), found, np.empty((count, 12)),
+                np.full(count, -1),
+            )  # fmt: skip
         sums[:, begin - start : end - start] = part
         if not images:
             return flux[0], whole, ()
