@@ -1,13 +1,15 @@
 """Bad studies, each with all that is said of it, from text files: what users read, reviewed by eye.
 
-A case begins with ``@`` and the line of a good study that it replaces, or ``file`` for the whole text. Below stand
-what becomes of the line, with ``\\a`` for a bell, and behind ``=>`` what is said. Below ``@ each`` every line takes the
-place of that with its key, or is a new one; ``- key`` leaves one out.
+A file with several good studies gives them itself: ``@ good`` with the lines of the study of the cases below, and
+``@ table NAME`` with the text of a file in the folder of the studies. A case begins with ``@`` and the line of a good
+study that it replaces, or ``file`` for the whole text. Below stand what becomes of the line, with ``\\a`` for a bell,
+and behind ``=>`` what is said. Below ``@ each`` every line takes the place of that with its key, or is a new one;
+``- key`` leaves one out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,6 +40,21 @@ def read(path: Path) -> list[Any]:
         text = "\n".join(lines[: len(lines) - len(said)]).replace(r"\a", "\a")
         found.append(pytest.param(Bad(block, text, said), id=text[:60] or f"no {block}"))
     return found
+
+
+def sections(path: Path) -> Iterator[Any]:
+    """Parameters of a test, from a file with its good studies and tables: case, good study and tables."""
+    good: dict[str, str] = {}
+    tables: dict[str, str] = {}
+    for case in read(path):
+        (bad,) = case.values
+        kind, _, name = bad.block.partition(" ")
+        if kind == "good":
+            good = {line.partition(":")[0]: line for line in bad.text.split("\n")}
+        elif kind == "table":
+            tables[name] = bad.text + "\n"
+        else:
+            yield pytest.param(bad, good, tables, id=f"{path.parent.name}-{case.id}")
 
 
 def _changed(case: Bad, good: Mapping[str, str]) -> list[str]:

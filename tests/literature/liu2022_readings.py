@@ -17,30 +17,17 @@ import numpy as np
 
 from heliosweep.sun import sun_vectors
 
-PLACES = {
-    "Dunhuang": (40.13, 94.67),
-    "Naqu": (31.29, 92.04),
-    "Delingha": (37.22, 97.23),
-    "Kunming": (25.0, 102.39),
-    "Baotou": (40.32, 109.53),
-    "Haerbin": (45.42, 125.15),
+#: Latitude and longitude [deg], and mean and standard deviation of Table 2.
+TABLE = {
+    "Dunhuang": (40.13, 94.67, 0.57234, 0.04874),
+    "Naqu": (31.29, 92.04, 0.5868, 0.04935),
+    "Delingha": (37.22, 97.23, 0.56715, 0.05539),
+    "Kunming": (25.0, 102.39, 0.58612, 0.06537),
+    "Baotou": (40.32, 109.53, 0.53792, 0.07072),
+    "Haerbin": (45.42, 125.15, 0.49776, 0.08238),
 }
-MEAN = {
-    "Dunhuang": 0.57234,
-    "Naqu": 0.5868,
-    "Delingha": 0.56715,
-    "Kunming": 0.58612,
-    "Baotou": 0.53792,
-    "Haerbin": 0.49776,
-}
-STD = {
-    "Dunhuang": 0.04874,
-    "Naqu": 0.04935,
-    "Delingha": 0.05539,
-    "Kunming": 0.06537,
-    "Baotou": 0.07072,
-    "Haerbin": 0.08238,
-}
+PLACES = {place: row[:2] for place, row in TABLE.items()}
+MEAN, STD = ({place: row[part] for place, row in TABLE.items()} for part in (2, 3))
 EAST = ("Baotou", "Haerbin")
 DIRECTIONS = np.arange(0.0, 360.0, 15.0)
 OFFSETS = (0.2, -0.2, 0.4, -0.4)
@@ -176,13 +163,8 @@ def judged(reading) -> Iterator[tuple[dict, dict[str, bool]]]:
         ):
             h, v = {g: level[sign1 * g] for g in OFFSETS}, {g: steep[sign2 * g] for g in OFFSETS}
             part = slice(None) if over == "all directions" else slice(12)
-            (hm, hs), (vm, vs) = (
-                (
-                    {g: one[part].mean() for g, one in both.items()},
-                    {g: one[part].std(ddof=1) for g, one in both.items()},
-                )
-                for both in (h, v)
-            )
+            hm, vm = ({g: one[part].mean() for g, one in both.items()} for both in (h, v))
+            hs, vs = ({g: one[part].std(ddof=1) for g, one in both.items()} for both in (h, v))
             yield (
                 {"carried by": carried, "gamma1": sign1, "gamma2": sign2, "mean over": over},
                 claims

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from heliosweep import api
 from heliosweep.errors import PlanError
-from heliosweep.families.backward_gazing.study import BackwardGazingStudy
-from tests import bad_studies
 from tests.families import studies
 
-REGISTRY = {"backward_gazing": BackwardGazingStudy}
 SMALL: dict[str, Any] = {
     "family": "backward_gazing",
     "heliostat": {"distance": 120, "pixel": 0.3},
@@ -24,53 +20,6 @@ SMALL: dict[str, Any] = {
     "erosion": 1,
 }
 study = partial(studies.study, SMALL)
-
-#: A good study, one line a block: a test replaces single lines.
-LINES = {
-    "family": "family: backward_gazing",
-    "mode": "mode: simulated",
-    "heliostat": "heliostat: {distance: 120, pixel: 0.3}",
-    "target": "target: {azimuth: 0, elevation: 44}",
-    "sun": "sun: {azimuth: 30, elevation: 60}",
-    "cameras": "cameras: {radius: 0.24}",
-    "defects": "defects: {canting: {2: [0, -1]}}",
-    "profile": "sun_profile: jose",
-    "erosion": "erosion: 1",
-}
-
-#: Tables that the bad studies name.
-FILES = {
-    "negative.csv": "angle,brightness\n0,1\n1,0.9\n2,-0.1\n3,0.8\n4.36,0.7\n",
-    "flat.csv": "angle,brightness\n0,1\n1,1\n2,1\n4.36,1\n",
-    "even.csv": "angle,brightness\n0,1\n1,1\n2,1\n3,0.99999\n4.36,0.99999\n",
-    "spike.csv": "angle,brightness\n0,1\n1,0.9\n2,1e300\n3,0.8\n4.36,0.7\n",
-    "long.csv": "angle,brightness\n0,1\n1,0." + 140_000 * "9" + "\n",
-    "head.csv": "angle,light\n0,1\n",
-    "order.csv": "angle,brightness\n0.1,1\n1,x\n1,0.9\n0.5,0.8\n4.36,0.7\n",
-    "near.csv": "x,y\n100,60\n0.5,0.5\n",
-}
-#: Lines of a field instead of one heliostat.
-FIELD_LINES = LINES | {"heliostat": "heliostat: {pixel: 0.3}", "target": "target: {tilt: 30}", "sun": ""}
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """The working folder, with the tables that bad studies name."""
-    for name, text in FILES.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-
-
-@pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize("case", bad_studies.read(Path(__file__).with_name("bad_studies.txt")))
-def test_bad_study(case: bad_studies.Bad) -> None:
-    bad_studies.check(case, LINES, REGISTRY)
-
-
-@pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize("case", bad_studies.read(Path(__file__).with_name("bad_fields.txt")))
-def test_bad_field(case: bad_studies.Bad) -> None:
-    bad_studies.check(case, FIELD_LINES, REGISTRY)
 
 
 def test_profile_that_rises_is_used_with_a_warning(tmp_path):

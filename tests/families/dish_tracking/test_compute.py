@@ -12,7 +12,6 @@ import pytest
 from pvlib import solarposition
 
 import heliosweep
-from heliosweep.errors import StudyError
 from heliosweep.families.dish_tracking.compute import windows_of
 from heliosweep.families.dish_tracking.study import Ephemeris
 from heliosweep.kernels import dish
@@ -216,32 +215,6 @@ def test_sweeps_of_sites_models_and_tied_parameters():
 
 
 @pytest.mark.parametrize(
-    ("blocks", "message"),
-    [
-        ({"tolerance": 0}, "tolerance: must be between 1e-06 and 1e[+]06 mrad"),
-        ({"time": time(timezone=None) | {}}, r"time\.timezone"),
-        ({"time": time(window={"start": "12:00", "stop": "12:00", "step": "1 h"})}, "must be after the start"),
-        ({"time": time(window={"start": "sunrise", "stop": "21:00", "step": "1 h"})}, "from sunrise to sunset"),
-        (
-            {"output": {"time_series": True}, "time": time(window="sunrise_to_sunset")},
-            r"output\.time_series: needs a window between wall-clock times",
-        ),
-        ({"errors": {"axis_tilt": 91}}, "must be between 0 and 90 deg"),
-        ({"statistics": {"required_factor": 1}}, "at least 0 and less than 1"),
-        ({"errors": {"axis_tilt": 1, "axis_tilt_direction": [0, 360]}}, "the same direction twice"),
-        ({"time": time(dates=["2021-06-22", "2021-06-21"])}, r"time\.dates: must rise"),
-        (
-            {"statistics": {"required_factor": 0.5}, "zip": [["errors.axis_tilt", "tolerance"]], "tolerance": [3, 4]},
-            "cannot be computed",
-        ),
-    ],
-)
-def test_bad_input_is_said(blocks, message):
-    with pytest.raises(StudyError, match=message):
-        study(**blocks)
-
-
-@pytest.mark.parametrize(
     ("window", "share"),
     [(("00:00", "24:00"), 50), (("09:00", "15:00"), 0), (("20:00", "24:00"), 100), ("sunrise_to_sunset", 0)],
 )
@@ -283,10 +256,3 @@ def test_the_energy_of_a_year_counts_the_hours_of_the_weather_file():
         assert float(here["energy_loss"]) == pytest.approx(lost, abs=1e-4)
         energy = 1e-6 * np.sum(intercept * dni) * np.pi * 25
         assert float(here["aperture_energy"]) == pytest.approx(energy, rel=1e-3)
-
-
-def test_a_concentrator_needs_one_site_and_a_rim_below_a_right_angle():
-    with pytest.raises(StudyError, match="diameter: must be below four times the focal length"):
-        study(concentrator=CONCENTRATOR | {"diameter": 24})
-    with pytest.raises(StudyError, match="has the weather of one site: give 'site'"):
-        study(site=None, sites=[{"name": "a", "latitude": 40, "longitude": 5}], concentrator=CONCENTRATOR)

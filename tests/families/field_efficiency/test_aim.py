@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import heliosweep
-from heliosweep import api
-from heliosweep.errors import StudyError
 from heliosweep.families.family import families
 from heliosweep.families.field_efficiency import compute as module
 from heliosweep.families.field_efficiency.aim import aims, turns
@@ -100,44 +98,6 @@ def test_on_a_tilted_face_levels_lie_in_it(sunny):
     result = computed(sunny(receiver=face, aim={"strategy": "spread", "levels": [1, 2, 5]}))
     kept = result["field_intercept_efficiency"]
     assert float(kept.sel(aim_levels=2)) < float(kept.sel(aim_levels=5)) < float(kept.sel(aim_levels=1))
-
-
-AT = facing()
-FAR, BEHIND, NOWHERE = AT.copy(), AT.copy(), AT.copy()
-FAR[1, 2], BEHIND[2, :2], NOWHERE[4, 0] = 64.0, -AT[2, :2], 900.0
-
-
-@pytest.mark.parametrize(
-    ("aims", "message"),
-    [
-        (FAR, r"field.csv:3: heliostat 1 aims 0.5 m off the receiver"),
-        (BEHIND, r"field.csv:4: heliostat 2 aims on a side of the receiver that faces away from it"),
-        (NOWHERE, r"field.csv:6: heliostat 4 aims 8\d\d.* m off the receiver"),
-    ],
-)
-def test_points_off_the_receiver(sunny, tmp_path, aims, message):
-    with pytest.raises(StudyError, match=message):
-        api.plan(sunny(layout=table(tmp_path / "field.csv", aims), aim={"strategy": "layout"}))
-
-
-@pytest.mark.parametrize(
-    ("blocks", "message"),
-    [
-        ({"aim": {"strategy": "layout"}}, "aim.strategy: needs columns aim_x, aim_y, aim_z"),
-        ({"aim": {"levels": 3}}, "aim.levels: is only for the strategy spread"),
-        ({"aim": {"strategy": "spread", "levels": 0}}, "aim.levels: must be between 1 and 99"),
-        ({"aim": {"strategy": "middle"}}, "aim.strategy: unknown choice"),
-        (
-            {"aim": {"strategy": "spread", "levels": 3}, "receiver": {**RECEIVER, "height_extent": 0.5}},
-            "aim.levels: leaves no space for levels",
-        ),
-        ({"aim": {"strategy": "spread"}, "optics": None, "receiver": {"height": 60}, "heliostat": {
-            "width": 9, "height": 8, "pivot_height": 5}}, "aim: is used with 'optics' only"),
-    ],
-)  # fmt: skip
-def test_what_is_wrong_is_told(sunny, blocks, message):
-    with pytest.raises(StudyError, match=message):
-        api.plan(sunny(**blocks))
 
 
 def test_resolved_studies_of_each_strategy_load(small):

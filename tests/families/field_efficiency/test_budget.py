@@ -155,34 +155,6 @@ def test_losses_of_draws_have_statistics_and_indices(small):
     assert "standard deviation over the draws" in note
 
 
-@pytest.mark.parametrize(
-    ("wrong", "place", "message"),
-    [
-        ({"x": {"optics.slope": 0}}, "optics.slope", "cannot be a key of a cause"),
-        ({"x": {"site.latitude": 0}}, "site.latitude", "cannot be a key of a cause"),
-        ({"x": {"optics.rays": 128}}, "optics.rays", "cannot be a key of a cause"),
-        ({"x": {"optics.visibility": 9000}}, "optics.visibility", "is not set in this study"),
-        ({"x": {"optics.slope_error": -1}}, "optics.slope_error", "must be between 0 and 50 mrad"),
-        ({"x": {"optics.slope_error": [0, 1]}}, "optics.slope_error", "must be one value"),
-        ({"x": {"optics.slope_map": "none"}}, "optics.slope_map", "is not set in this study"),
-        ({"x": BUDGET["dirt"], "y": BUDGET["dirt"]}, "optics.soiling.rate", "also belongs to the cause 'x'"),
-        ({"interaction": BUDGET["dirt"]}, "interaction", "use another name"),
-        ({"x": {}}, "x", "has no key"),
-        ({}, "budget", "has no cause"),
-    ],
-)
-def test_wrong_budgets_are_located(small, wrong, place, message):
-    with pytest.raises(StudyError) as caught:
-        small(**YEAR, budget=wrong)
-    assert place in str(caught.value)
-    assert message in str(caught.value)
-
-
-def test_budgets_need_weather(small):
-    with pytest.raises(StudyError, match="budget: needs energies: add 'weather'"):
-        small(budget={"mounts": {"tracking": "spinning_elevation"}})
-
-
 def test_a_calibration_leaves_a_tenth_of_the_errors_of_the_study():
     """`error_budget` has the scale 0.1 after a calibration: 12 spots of 3 days with 3 cm of noise."""
     study: Any = api.load(STUDIES / "error_budget.yaml")

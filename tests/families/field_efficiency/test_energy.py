@@ -248,25 +248,3 @@ def test_cleanliness_of_each_month(year):
     assert "cell_methods" not in fixed["reflection_efficiency"].attrs
     by_hour = computed(year(optics=optics, output={"field_series": True}))
     np.testing.assert_allclose(by_hour["field_power"].sum("time"), by_hour["field_receiver_energy"], rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("blocks", "message"),
-    [
-        ({"design_point": {"day": 80, "solar_hour": 2, "dni": 900}}, "design_point: the sun is down at this instant"),
-        ({"design_point": {"day": 80, "solar_hour": 12, "dni": 2000}}, "design_point.dni: must be"),
-        (
-            {"time": {"clock": "sun", "azimuth": 180, "elevation": 40}, "site": None, "weather": None,
-             "design_point": {"day": 80, "solar_hour": 12, "dni": 900}},
-            "design_point: needs a site",
-        ),
-        (
-            {"time": {"clock": "sun", "azimuth": 180, "elevation": 40}, "site": None, "weather": None,
-             "output": {"field_series": True}},
-            "output.field_series: needs instants",
-        ),
-    ],
-)  # fmt: skip
-def test_what_is_wrong_is_told(year, blocks, message):
-    with pytest.raises(StudyError, match=message):
-        api.plan(year(**blocks))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from heliosweep import api
-from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency import figures
 from heliosweep.report.draw import draw
 from tests.families.field_efficiency.test_aim import NOON
@@ -93,21 +92,6 @@ def test_figures(mapped):
     axes = drawn["flux_maps"].figure.axes
     assert len(axes) == 7  # two ways of tracking by three levels, and the colour bar
     assert "kW/m\N{SUPERSCRIPT TWO}" in axes[-1].get_xlabel()
-
-
-@pytest.mark.parametrize(
-    ("blocks", "message"),
-    [
-        ({"time": YEAR, "site": {"latitude": 37, "longitude": -6}}, "output.flux_map: needs one instant or a year"),
-        ({"output": {"flux_map": {"columns": 8}}}, "output.flux_map.rows: is missing"),
-        ({"output": {"flux_map": {"columns": 0, "rows": 3}}}, "output.flux_map.columns: must be between 1 and 360"),
-        ({"optics": None, "receiver": {"height": 60}, "heliostat": {"width": 9, "height": 8, "pivot_height": 5}},
-         "output.flux_map: is used with 'optics' only"),
-    ],
-)  # fmt: skip
-def test_what_is_wrong_is_told(mapped, blocks, message):
-    with pytest.raises(StudyError, match=message):
-        api.plan(mapped(**blocks))
 
 
 def test_a_year_of_weather_needs_no_design_point(mapped):

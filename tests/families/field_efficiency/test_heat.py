@@ -9,8 +9,6 @@ import pytest
 import xarray as xr
 
 import heliosweep
-from heliosweep import api
-from heliosweep.errors import StudyError
 from tests.families.field_efficiency.test_energy import BLOCKS, LIMITS
 from tests.families.field_efficiency.test_keep import DESIGN
 from tests.families.studies import computed
@@ -97,30 +95,3 @@ def test_sampled_days_count_for_a_year(small):
     assert float(costs[1].field_heat) == pytest.approx(2 * float(costs[0].field_heat), rel=5e-3)
     for name in ("levelized_cost_of_heat", "total_capital_cost"):
         assert float(costs[1][name]) == pytest.approx(float(costs[0][name]), rel=5e-3)
-
-
-WRONG = [
-    ({"economics": {"heliostat_cost": -1, "currency": "USD"}}, "economics.heliostat_cost", "at least 0"),
-    ({"economics": {"heliostat_cost": 100}}, "economics", "'currency' is missing"),
-    ({"economics": {"currency": "EUR", "heliostat_cost": 100}}, "economics", "'site_cost' is missing"),
-    ({"economics": {"cost": 100}}, "economics.cost", "unknown key"),
-    ({"economics": {}, "weather": None, "time": {"clock": "solar", "days": [80], "hours": [12]}}, "economics",
-     "needs 'weather'"),
-    ({"receiver": {**PLANT["receiver"], "absorptance": 1.2}}, "receiver.absorptance", "at most 1"),
-    ({"receiver": {**PLANT["receiver"], "thermal_losses": {"constant": 1, "per_area": 2}}}, "receiver.thermal_losses",
-     "exactly one"),
-    ({"receiver": {**PLANT["receiver"], "thermal_losses": {"constant": 20}}}, "receiver.thermal_losses.constant",
-     "losses of 20 MW"),
-    ({"receiver": BLOCKS["receiver"], "keep": {"heat_power": 1, "by": "total_efficiency"}}, "keep.heat_power",
-     "receiver.absorptance"),
-    ({"receiver": {**BLOCKS["receiver"], "absorptance": 0.9}, "design_point": None, "weather": None, "limits": None,
-      "time": {"clock": "solar", "days": [80], "hours": [12]}}, "receiver.absorptance", "needs 'weather'"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("changes", "key", "words"), WRONG)
-def test_wrong_keys_are_located(small, changes, key, words):
-    content = {name: block for name, block in {**PLANT, **changes}.items() if block is not None}
-    with pytest.raises(StudyError) as error:
-        api.build(small(**content))
-    assert any(problem.key == key and words in problem.message for problem in error.value.problems), error.value

@@ -9,7 +9,6 @@ import pytest
 import xarray as xr
 
 from heliosweep import api
-from heliosweep.errors import StudyError
 from heliosweep.families.family import families
 from heliosweep.families.lookup import family_of_result
 from heliosweep.share.fields import layout_of, write_layout
@@ -101,29 +100,6 @@ def test_a_power_that_the_field_has_not_is_told(small, tmp_path, caplog):
     with api.run(study, tmp_path, report=False).open() as result:
         assert result["kept"].isel(kept_power=1).all()
     assert "1 of 2 fields have less than keep.field_power, 8.003 MW although all" in caplog.text
-
-
-@pytest.mark.parametrize(
-    ("blocks", "message"),
-    [
-        ({"keep": {"by": "optical_efficiency"}}, "keep: give exactly one of 'heliostats', 'field_power'"),
-        ({"keep": {"heliostats": 3}}, "keep.by: is missing: Result by which heliostats are ranked"),
-        ({"keep": {"heliostats": 49, "by": "optical_efficiency"}},
-         r"keep.heliostats: must be at most the number of heliostats of the layout, 48: generate more \(got 49\)"),
-        ({"keep": {"heliostats": 3, "by": "receiver_energy"}}, "keep.by: needs 'weather' for receiver_energy: add it"),
-        ({"keep": {"heliostats": 3, "by": ["optical_efficiency", "total_efficiency"]}}, "keep.by: needs 'optics'"),
-        ({"keep": {"field_power": 3, "by": "optical_efficiency"}}, "keep.field_power: needs a design point: add"),
-        ({"keep": {"field_power": "3 m", "by": "optical_efficiency"}}, "keep.field_power: must be a power in MW"),
-        ({"keep": {"heliostats": 3, "by": "energy"}}, "keep.by: unknown choice"),
-        ({"keep": {"heliostats": 3, "by": "optical_efficiency"}, "site": None,
-          "time": {"clock": "sun", "azimuth": 180, "elevation": 40}}, "keep: ranks heliostats over a period"),
-        ({"keep": {"heliostats": 3, "by": "optical_efficiency"}, "time": {"clock": "solar", "days": 80, "hours": 12},
-          "output": {"outlines": 2}}, "output.outlines: cannot be used with .keep."),
-    ],
-)  # fmt: skip
-def test_bad_input(small, blocks, message):
-    with pytest.raises(StudyError, match=message):
-        small(**blocks)
 
 
 @pytest.mark.parametrize(

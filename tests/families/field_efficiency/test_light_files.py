@@ -182,48 +182,6 @@ def test_a_map_of_backward_gazing(field, tmp_path):
     np.testing.assert_allclose(found, intercept(turned), atol=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("x,y,slope_x,slope_y\n0,0,1,1\n2,0,1,1\n0,2,1,1\n1,1,,\n", r"lacks 67 % of the slopes; at most 50 %"),
-        ("x,y,slope_x,slope_y\n0,0,1,1\n0,0,1,1\n1,0,1,1\n1,1,1,1\n", "gives 1 positions twice"),
-        ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n2,0,1,1\n", "has one position along y"),
-        ("x,y,slope_x,slope_y\n0,0,1,1\n1,0,1,1\n2.5,0,1,1\n0,1,1,1\n1,1,1,1\n2.5,1,1,1\n", "has uneven steps along x"),
-        ("x,y,slope_x,slope_y\n0,0,1,900\n", "slope_y must be between -100 and 100 mrad"),
-    ],
-)
-def test_maps_that_are_none(field, tmp_path, text, message):
-    (tmp_path / "map.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(StudyError, match=message):
-        api.plan(field(slope_map=str(tmp_path / "map.csv"), slope_error=None))
-
-
-def test_what_is_wrong_with_the_way_of_the_light_is_told(field, tmp_path):
-    wide = {"width": 400, "azimuth": 180, "tilt": -65, "height_extent": 400}
-    wrong: list[tuple[Any, str]] = [
-        ({"slope_map": "none.nc", "slope_error": None}, "optics.slope_map: no such file"),
-        ({"slope_error_vertical": 1}, "optics.slope_error_vertical: is also given by 'slope_error'"),
-        ({"sun_shape": {"kind": "table"}}, "'file' is missing: table has it"),
-        ({"sun_shape": {"kind": "pillbox", "file": "a"}}, "optics.sun_shape.file: is only for the sun shape table"),
-        ({"visibility": 20e3}, "optics.visibility: is only for the attenuation vant_hull"),
-        ({"mount_errors": {"seed": 1}}, "optics.mount_errors: contains no error"),
-        ({"mount_errors": {"collimation": 1, "seed": 1}}, "optics.mount_errors.seed: needs drawn errors"),
-        ({"mount_errors": {"collimation": {"normal": [0, 1], "samples": 5}}}, "each heliostat has one draw"),
-        ({"mount_errors": {"collimation": 1, "calibration": "a.nc"}}, "is also given by 'calibration'"),
-        ({"cleanliness_by_month": [0.9] * 11}, "optics.cleanliness_by_month: must be 12 numbers"),
-        ({"cleanliness_by_month": [0.9] * 12}, "optics.cleanliness_by_month: needs dates"),
-        ({"soiling": {"rate": 0.02, "washing_interval": 60}}, "leaves no light before a washing"),
-        ({"blocks": {"receiver": FACE | wide}}, "in its face, first heliostat 1 (line 3) of"),
-        ({"columns": ",error_u", "rows": [("a",), ("b",), ("c",)]}, "heliostat 1 needs error_u at least -100 and"),
-    ]  # fmt: skip
-    for optics, message in wrong:
-        with pytest.raises(StudyError) as error:
-            api.plan(field(**optics))
-        assert message in str(error.value)
-    behind = field({"receiver": {**FACE, "azimuth": 180}})
-    assert any("3 heliostats behind the receiver's face" in note for note in behind.notes())
-
-
 def test_dirt_by_month_and_between_washings(small):
     base = {"site": {"latitude": 40}, "receiver": RECEIVER, "tracking": "azimuth_elevation"}
     months = {**OPTICS, "cleanliness_by_month": [0.5, *[1.0] * 10, 0.7]}

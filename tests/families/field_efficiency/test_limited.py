@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 import heliosweep
-from heliosweep.errors import StudyError
 from heliosweep.families.family import families
 from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER, lit  # noqa: F401
 from tests.families.studies import computed
@@ -71,29 +68,6 @@ def test_each_instant_has_its_aims(sunny):
     np.testing.assert_array_equal(result["aim"].isel(time=1), noon["aim"])
     whole = total.mean() / (40 * 72 * 1e-3)
     assert float(result["field_total_efficiency"]) == pytest.approx(float(whole), rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("blocks", "message"),
-    [
-        ({"aim": {**AIM, "limit": 0.5}}, r"aim.limit: heliostat \d+ alone has .* kW/m2 in row \d+, column \d+"),
-        ({"aim": {"strategy": "flux_limit"}}, "aim: 'limit' is missing"),
-        ({"aim": {"strategy": "spread", "limit": 20}}, "aim.limit: is only for the strategy flux_limit"),
-        ({"aim": {**AIM, "levels": 3}}, "aim.levels: is only for the strategy spread"),
-        ({"aim": {**AIM, "limits": [[8, 20]]}}, r"aim.limits\[0\]: must be a row from 0 to 7"),
-        ({"aim": {**AIM, "limits": [[0, 20], [1, 9], [0, 30]]}}, r"aim.limits\[2\]: has a second limit for row 0"),
-        ({"aim": {**AIM, "azimuth_span": 160}, "receiver": {**RECEIVER, "radius": 40}},
-         "aim.azimuth_span: .*heliostat .* does not see"),
-        ({"aim": {**AIM, "at": "instants"}}, "aim.at: is for times at a site"),
-        ({"output": {"flux_map": {"rows": 9, "columns": 16}}},
-         "output.flux_map: must have the cells of the limit, 8 x 16"),
-        ({"time": {"clock": "solar", "days": [80], "hours": [9, 12]}, "site": {"latitude": 40}},
-         "aim: requires an instant"),
-    ],
-)  # fmt: skip
-def test_bad_input_is_located(sunny, blocks: dict[str, Any], message: str):
-    with pytest.raises(StudyError, match=message):
-        computed(sunny(**blocks))
 
 
 def test_heliostats_behind_the_face_of_a_receiver_are_stowed(sunny):

@@ -116,32 +116,6 @@ def test_a_horizon_counts_without_weather(small):
     np.testing.assert_allclose(walled["cosine_efficiency"], each[seen].mean("time"), rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("blocks", "message"),
-    [
-        ({"tower": {"radius": 0}}, "tower.radius: must be"),
-        ({"tower": {"radius": 30}}, "tower.radius: must be less than the distance of the mirrors: .* within the tower"),
-        ({"tower": {"radius": 3, "top": 29.5}}, "tower.top: covers the receiver: must be at most 28.5 m"),
-        (of_site(horizon={}), "site.horizon: give exactly one of 'table' and 'file'"),
-        (of_site(horizon={"table": [[0, 70]]}), r"site.horizon.table\[0\]: must have an elevation between -30 and 60"),
-        (of_site(horizon={"table": [[0, 5], [360, 6]]}), r"site.horizon.table\[1\]: gives another elevation"),
-        (of_site(horizon={"table": [[0, 5, 1]]}), r"site.horizon.table\[0\]: must"),
-        (of_site(horizon={"file": "none.csv"}), "site.horizon.file: no such file"),
-    ],
-)
-def test_wrong_losses_are_refused(year, blocks, message):
-    with pytest.raises(StudyError, match=message):
-        api.plan(year(**blocks))
-
-
-def test_wrong_rows_of_a_horizon_are_located(year, tmp_path):
-    path = tmp_path / "horizon.csv"
-    path.write_text("azimuth,elevation\n0,5\n90,abc\n180,80\n")
-    with pytest.raises(StudyError) as error:
-        computed(year(**PLAIN, **of_site(horizon={"file": str(path)})))
-    assert {(problem.line, problem.column) for problem in error.value.problems} == {(3, 4), (4, 5)}
-
-
 # --- availability ----------------------------------------------------------------------------------------------------
 
 
@@ -217,24 +191,6 @@ def test_outages_of_array_functions():
         heliosweep.availability(hours, 1.0, ["2020-12-01", "2021-01-03"], ["2021-02-01", "2021-01-05"], yearly=True)
     with pytest.raises(ValueError, match="later"):
         heliosweep.availability(hours, 1.0, ["2020-12-02"], ["2020-12-01"])
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("A9,2023-03-01,2023-03-02\n", "availability.outages: names heliostats that .* lacks: A9"),
-        ("A1,2023-03-02,2023-03-01\n", "out.csv:2:15: 'to' must be later than 'from'"),
-        (
-            "A1,2023-03-01,2023-03-04\nA1,2023-03-03,2023-03-05\n",
-            "out.csv:3:4: overlaps another outage of heliostat A1",
-        ),
-        ("A1,yesterday,2023-03-04\n", "out.csv:2:4: from must be a time such as 2023-05-31T12:00"),
-    ],
-)
-def test_wrong_outages_are_located(year, tmp_path, text, message):
-    (tmp_path / "out.csv").write_text(f"heliostat,from,to\n{text}")
-    with pytest.raises(StudyError, match=message):
-        year(**PLAIN, layout=layout(tmp_path), availability={"outages": str(tmp_path / "out.csv")})
 
 
 # --- several years ---------------------------------------------------------------------------------------------------

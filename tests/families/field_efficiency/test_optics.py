@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heliosweep import api
 from heliosweep.energy import transmittance
-from heliosweep.errors import StudyError
 from tests.families.studies import computed
 
 RECEIVER = {"kind": "cylinder", "height": 60, "radius": 3, "height_extent": 7}
@@ -114,77 +112,8 @@ def test_air_of_a_site(lit):
     np.testing.assert_array_equal(given.sel(air_altitude=1500).transpose(*found.dims), found)
 
 
-@pytest.mark.parametrize(
-    ("blocks", "message"),
-    [
-        ({"receiver": {"height": 60}}, "receiver: 'kind' is missing"),
-        ({"receiver": {"kind": "cylinder", "height": 60, "radius": 3}}, "receiver: 'height_extent' is missing"),
-        ({"receiver": {**RECEIVER, "width": 3}}, "receiver.width: is not used for a receiver of kind cylinder"),
-        ({"receiver": {**RECEIVER, "radius": 70}}, "receiver.radius: must be less than the distance of the mirrors"),
-        (
-            {"heliostat": {"width": 9, "height": 8, "pivot_height": 5, "focus": "slnt"}},
-            "heliostat.focus: must be a length in m, or 'flat', 'slant' or 'layout'",
-        ),
-        ({"optics": None}, "receiver.kind: is used with 'optics' only"),
-        ({"optics": {**OPTICS, "reflectivity": 1.2}}, "optics.reflectivity: must be between 0 and 1"),
-        ({"optics": {"sun_shape": {"kind": "pillbox"}}}, "optics.slope_error: is missing: give it in mrad"),
-        ({"optics": {**OPTICS, "sun_shape": {"kind": "buie"}}}, "'circumsolar_ratio' is missing"),
-        (
-            {"optics": {**OPTICS, "sun_shape": {"kind": "buie", "circumsolar_ratio": 0.9}}},
-            "optics.sun_shape.circumsolar_ratio: must be between 0.001 and 0.8",
-        ),
-        (
-            {"optics": {**OPTICS, "slope_error_vertical": 2}},
-            "optics.slope_error_vertical: is also given by 'slope_error'",
-        ),
-        ({"optics": {**OPTICS, "rays": 0}}, "optics.rays: must be between 1 and"),
-        ({"optics": {**OPTICS, "precision": 1e-7}}, "optics.precision: must be between 1e-06 and 0.1"),
-        ({"optics": {**OPTICS, "precision": 1e-4, "rays": 64}}, "optics.precision: is also given by 'rays'"),
-        (
-            {
-                "optics": {**OPTICS, "rays": 2**19},
-                "time": {"clock": "solar", "hours": {"start": 7, "stop": 17, "step": 1}},
-                "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 3000}},
-            },
-            "optics.rays: gives .* rays in all, .* h on one core; at most 2e",
-        ),
-        (
-            {
-                "optics": {**OPTICS, "precision": 1e-6, "reflectivity": [0.8, 0.85, 0.9, 0.95]},
-                "time": {"clock": "solar", "hours": {"start": 7, "stop": 17, "step": 1}},
-                "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 3000}},
-            },
-            "optics.precision: gives .* rays in all, .* h on one core; at most 2e",
-        ),
-        (
-            {"receiver": {"height": 10, "kind": "cylinder", "radius": 2, "height_extent": 26}},
-            "receiver.height: is too low: the receiver reaches 3 m below the foot of the tower",
-        ),
-        (
-            {"heliostat": {"width": 9, "height": 8, "pivot_height": 5, "facets": {"columns": 4, "rows": 2, "gap": 3}}},
-            "heliostat.facets.gap: leaves no width for 4 facets on 9 m",
-        ),
-    ],
-)
-def test_what_is_wrong_is_told(lit, blocks, message):
-    with pytest.raises(StudyError, match=message.replace("(", r"\(")):
-        api.plan(lit(**blocks))
-
-
 def test_polynomials_alone_end(lit):
     far = {"layout": {"radial_stagger": {"clearance": 13, "inner_radius": 3100, "rings": 1}}}
     for model, warned in (("ballestrin_hazy", True), ("leary_hankins", False), ("vant_hull", False)):
         notes = lit(**far, optics={**OPTICS, "attenuation": model}).notes()
         assert any(re.match(r"[\d,]+ heliostats farther than 3 km", note) for note in notes) == warned
-
-
-def test_a_heliostat_at_the_tower_is_located(lit, tmp_path):
-    (tmp_path / "field.csv").write_text("x,y\n10,120\n0,0\n")
-    layout = {"layout": {"file": str(tmp_path / "field.csv")}}
-    with pytest.raises(StudyError, match=r"within the receiver, first heliostat 1 \(line 3\) of .*field.csv; move"):
-        api.plan(lit(**layout))
-    face = {"kind": "cavity", "height": 60, "width": 4, "height_extent": 4}
-    with pytest.raises(
-        StudyError, match=r"layout: heliostat 1 \(line 3\) of .*field.csv is at the centre of the tower"
-    ):
-        api.plan(lit(**layout, receiver=face))

@@ -2,37 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.misalignment.study import MisalignmentStudy
-from tests import bad_studies
 
 from . import studies
-
-REGISTRY = {"misalignment": MisalignmentStudy}
-#: A good study, one line a block: a test replaces single lines.
-LINES = {
-    "family": "family: misalignment",
-    "mode": "mode: curves",
-    "site": "site: {latitude: 37.4}",
-    "time": "time: {clock: solar, days: [172], hours: [8, 12, 16]}",
-    "receiver": "receiver: {height: 143, width: 9, height_extent: 9}",
-    "heliostats": "heliostats: {positions: [[-16, 150, 0], [-60, 300, 0]]}",
-    "mount": "mount: {mirror_offset: 0.5}",
-    "error": "error: {source: [canting, encoder], axis: [elevation, azimuth], size: {start: -12, stop: 12, step: 1}}",
-}
-
-
-@pytest.mark.parametrize("case", bad_studies.read(Path(__file__).with_name("bad_studies.txt")))
-def test_bad_study(case: bad_studies.Bad, tmp_path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    bad_studies.check(case, LINES, REGISTRY)
-
 
 SMALL: dict[str, Any] = {
     "family": "misalignment",
@@ -46,13 +23,6 @@ SMALL: dict[str, Any] = {
 
 def study(**blocks: Any) -> Any:
     return studies.study(SMALL, **blocks)
-
-
-def test_polar_mounts_need_a_latitude_even_where_the_sun_stands_still():
-    sun = {"azimuth": 101, "elevation": 50}
-    assert study(time=None, site=None, sun=sun)
-    with pytest.raises(StudyError, match="a polar mount depends on the latitude"):
-        study(time=None, site=None, sun=sun, mount={"kind": ["azimuth_elevation", "polar"]})
 
 
 def test_notes_of_dark_latitudes():
@@ -69,11 +39,6 @@ def test_columns_of_layouts_do_not_hide_results(name, tmp_path):
     assert {*plain.variables} <= {*result.variables}
     for label in plain.variables:
         assert result[label].dims == plain[label].dims, label
-
-
-DRAWN = {"error": None, "mount_errors": {"azimuth_reference": {"normal": [0, 1], "samples": 2}}}
-WINDOW = {"start": "8:00", "stop": "9:00", "step": "1 h"}
-CIVIL = {"clock": "civil", "timezone": "+01:00", "dates": "2024-06-21", "window": WINDOW}
 
 
 def test_a_swept_offset_is_an_error_only_where_all_of_it_is_too_large():

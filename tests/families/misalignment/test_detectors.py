@@ -231,31 +231,3 @@ def test_bad_tables_of_crossings(tmp_path, change, said):
         study({"crossings": path}, mount_errors=None)
     assert said in str(error.value)
     assert "crossings.csv:" in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("blocks", "said"),
-    [
-        ({"detectors": None}, "'detectors' is missing: give {arrays, ...} with the positions"),
-        ({"detectors": {"pitch": 0.1}}, "detectors: has no detectors: give 'arrays'"),
-        ({"detectors": {"arrays": [{"points": [[0, 1]]}]}}, "must have at least two points, the ends of the line"),
-        ({"detectors": {"arrays": []}}, "detectors.arrays: must have 1 to 100 arrays (got 0)"),
-        ({"detectors": {"arrays": [BELOW] * 101}}, "detectors.arrays: must have 1 to 100 arrays (got 101)"),
-        (
-            {"detectors": {"arrays": [AROUND[0], BELOW], "pitch": [0.1, 30]}},
-            "detectors.pitch: must be at most 24 m, the length of the shortest of 'arrays' (got 30)",
-        ),
-        ({"mount_errors": None}, "'mount_errors' is missing: the true errors of synthetic crossings"),
-        (
-            {"detectors": {"arrays": [BELOW], "crossings": "x.csv", "rounds": 2}},
-            "detectors.rounds: is only used for crossings of",
-        ),
-        ({"error": {"size": 1}}, "error: is only for mode: curves"),
-        ({"measured": "x.csv"}, "measured: is only for mode: curves"),
-        ({"mode": "curves", "mount_errors": None, "error": {"size": 1}}, "in mode: curves give 'lines'"),
-    ],
-)
-def test_bad_studies(blocks, said):
-    with pytest.raises(StudyError) as error:
-        studies.study(BASE, **blocks)
-    assert said in str(error.value)

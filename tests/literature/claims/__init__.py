@@ -6,8 +6,8 @@ Single values are in the tables of `studies/published`. ``make index`` evaluates
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,8 @@ class Claim:
         Function of the result that returns the value.
     holds : callable, optional
         Condition on the value.
+    names : set of str
+        Variables that the function takes by name.
     """
 
     study: str
@@ -49,21 +51,16 @@ class Claim:
     agrees: bool | None = None
     value: Callable[[xr.Dataset], Any] | None = None
     holds: Callable[[Any], bool] | None = None
+    names: set[str] = field(default_factory=set)
 
     @property
     def verdict(self) -> str:
         """Verdict in words."""
         return {None: "cannot be compared", True: "agrees", False: "does not agree"}[self.agrees]
 
-    @property
-    def with_unit(self) -> str:
-        """Computed value with the unit of the printed one."""
-        unit = self.printed.rpartition(" ")[2]
-        return self.computed if not self.computed or any(map(str.isdigit, unit)) else f"{self.computed} {unit}"
-
     def variables(self) -> set[str]:
         """Return the names in the function of the value."""
-        return set(self.value.__code__.co_names) if self.value else set()
+        return self.names | set(self.value.__code__.co_names if self.value else ())
 
     def stale(self, result: xr.Dataset) -> str:
         """Return how the result differs from the statement, or an empty text."""
@@ -79,11 +76,6 @@ class Claim:
             step = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
             same = abs(float(value) - float(self.computed)) <= 1.01 * step
         return "" if same else f"{self.text}: {self.computed} is stated, but the value is {value}"
-
-
-def claims(study: str, reason: str, *rows: tuple[Any, ...]) -> Iterator[Claim]:
-    """Yield the claims that one study shows, with one tolerance; a row is the fields of a claim after these."""
-    return (Claim(study, text, reason, *rest) for text, *rest in rows)
 
 
 def between(coordinate: xr.DataArray, low: Any, high: Any) -> xr.DataArray:
