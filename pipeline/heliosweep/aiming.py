@@ -494,7 +494,9 @@ def flux_limited_aims(
     if not (most > 0.0).all():
         raise ValueError(f"`limit` must be above 0 (got {most.min():g})")
     sun, threads = sun_directions(sun_azimuth, sun_elevation)[0], threads or len(os.sched_getaffinity(0))
-    share = mirror_area(scene) * np.asarray(reflectivity) * np.asarray(transmittance) * 1e-3 * dni
+    share = (
+        mirror_area(*scene.sides.T, scene.facets) * np.asarray(reflectivity) * np.asarray(transmittance) * 1e-3 * dni
+    )
     try:
         found = limited_aims(scene, sun, points, most, share, rays=rays, seed=seed, gap=gap, threads=threads)
     except ValueError as error:

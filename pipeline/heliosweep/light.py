@@ -279,7 +279,7 @@ def trace_field(
     sun, dims, coordinates = sun_directions(sun_azimuth, sun_elevation)
     up, instants = sun[:, 2] > 0.0, len(sun)
     cells, irradiance = _cells(flux_map), per_item("dni", dni, (), instants, 2000.0)
-    threads, area = threads or len(os.sched_getaffinity(0)), mirror_area(scene)
+    threads, area = threads or len(os.sched_getaffinity(0)), mirror_area(*scene.sides.T, scene.facets)
     lit = np.flatnonzero(up)[np.argsort(sun[up, 2])]
     some = [np.array([lit[len(lit) * quarter // 4]]) for quarter in (1, 2, 3) if len(lit)]
     each = _rays_for(scene, [sun[one] for one in some], None, rays, precision, cells, area, seed, instants)
@@ -355,7 +355,7 @@ def trace_year(
     sun, _, _ = sun_directions(sun_azimuth, sun_elevation)
     cells, weight = _cells(flux_map), per_item("irradiation", irradiation, (), len(sun), np.inf)
     weights = np.stack((weight, weight * per_item("reflectivity", reflectivity, (), len(sun), 1.0)))
-    area = mirror_area(scene)
+    area = mirror_area(*scene.sides.T, scene.facets)
     share = area * per_item("transmittance", transmittance, (), len(area), 1.0)
     each = _rays_for(scene, [sun], weights, rays, precision, cells, share, seed, len(sun))
     threads = threads or len(os.sched_getaffinity(0))
@@ -469,10 +469,11 @@ def image_radius(flux: xr.DataArray) -> xr.DataArray:
     return found.assign_attrs(units="m", long_name="root mean square radius of the image")
 
 
-def mirror_area(scene: kernel.Scene) -> Floats:
-    """Return the reflecting area of each mirror, without the gaps between facets, shape (N,). [m2]"""
-    columns, rows, gap = scene.facets
-    return (scene.sides[:, 0] - (columns - 1) * gap) * (scene.sides[:, 1] - (rows - 1) * gap)
+def mirror_area(width: Floats, height: Floats, facets: Any = None) -> Floats:
+    """Return the reflecting area of mirrors, without the gaps between their columns and rows of facets. [m2]"""
+    if facets is None:
+        return width * height
+    return (width - (facets.columns - 1) * facets.gap) * (height - (facets.rows - 1) * facets.gap)
 
 
 def _scene(layout: Any, receiver: Cylinder | Rectangle | None, field: Mapping[str, Any]) -> kernel.Scene:

@@ -12,6 +12,7 @@ References
 
 import math
 from collections.abc import Callable
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -48,27 +49,32 @@ class SunShape(NamedTuple):
         return self.variance + float(np.sum(self.share * self.radius**2)) / 2
 
 
+@cache
 def pillbox() -> SunShape:
     """Return a disc of uniform brightness with an angular radius of 4.65 mrad."""
     return _rings((0.0, DISC), np.ones_like)
 
 
+@cache
 def gaussian() -> SunShape:
     """Return a Gaussian with a standard deviation of 2.73 mrad per axis."""
     return SunShape(np.zeros(1), np.ones(1), GAUSSIAN**2)
 
 
+@cache
 def limb_darkened() -> SunShape:
     """Return a disc with limb darkening: 1 - 0.56 (1 - sqrt(1 - (r / 4.65 mrad)^2))."""
     return _rings((0.0, DISC), lambda r: 1.0 - LIMB * (1.0 - np.sqrt(np.maximum(0.0, 1.0 - (r / DISC) ** 2))))
 
 
+@cache
 def jose() -> SunShape:
     """Return the disc of Jose that backward gazing uses (`heliosweep.kernels.profiles.jose`)."""
     profile = jose_profile()
     return _rings((0.0, profile.radius), lambda r: render(profile, r))
 
 
+@lru_cache(16)
 def buie(circumsolar_ratio: float) -> SunShape:
     """Return disc and aureole of Buie et al. (2003); the aureole has the fraction `circumsolar_ratio` of the light.
 

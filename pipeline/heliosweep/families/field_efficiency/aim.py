@@ -22,7 +22,7 @@ from heliosweep.aiming import (
 from heliosweep.config import Block, Choice, Fault, ListOfNumbers, Quantity, SunDirections, Sweep
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.families.field_efficiency.chain import Geometry, Inputs, Way, values_of
-from heliosweep.families.field_efficiency.flux import IRRADIANCE, cells_of, has_instant, is_limited, varies
+from heliosweep.families.field_efficiency.flux import IRRADIANCE, cells_of, flux_cells, has_instant, is_limited, varies
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.grid.sun import instant_count
 from heliosweep.kernels import rays
@@ -253,7 +253,7 @@ def limit_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]
         f"is for times at a site without 'design_point', at most {MOST_INSTANTS} (got {instants:,}): remove it",
     )  # fmt: skip
     yield (
-        is_limited(study) and shown and (shown.rows, shown.columns) != cells_of(study), "output.flux_map",
+        is_limited(study) and shown and flux_cells(study) != cells_of(study), "output.flux_map",
         f"must have the cells of the limit, {' x '.join(map(str, cells_of(study) or ()))}: set 'aim.flux_rows' and "
         "'aim.flux_columns' to its rows and columns",
     )  # fmt: skip

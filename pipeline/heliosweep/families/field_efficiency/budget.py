@@ -21,16 +21,12 @@ from heliosweep.kernels.compiled import Floats
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
-#: Undisturbed values of the keys of each cause, by the name of the cause.
-Causes = dict[str, dict[str, Any]]
 #: Keys that a cause may contain.
 ALLOWED = (*(key for key in KEYS if not key.endswith((".seed", ".rays", ".precision"))), "tracking",
            "availability.fraction")  # fmt: skip
-#: Function that computes the energy on the receiver and the energy lost at each stage for given key values. [MWh]
-Energies = Callable[[Mapping[str, Any]], tuple[Floats, Floats]]
 
 
-def causes_of(study: FieldEfficiencyStudy) -> Causes:
+def causes_of(study: FieldEfficiencyStudy) -> dict[str, dict[str, Any]]:
     """Return the causes of a study and the undisturbed values of their keys, in study units. Raises Invalid."""
     declared = {key: parameter for key, parameter, _ in study.parameters()}
     causes = {
@@ -108,7 +104,9 @@ def budget_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
     return {"budget_part": parts, "budget_cause": (np.array(causes, object), words)} if causes else {}
 
 
-def budget_values(study: FieldEfficiencyStudy, energies: Energies, actual: float) -> dict[str, Floats]:
+def budget_values(
+    study: FieldEfficiencyStudy, energies: Callable[[Mapping[str, Any]], tuple[Floats, Floats]], actual: float
+) -> dict[str, Floats]:
     """Return the values of the budget variables at one point.
 
     Parameters

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -47,7 +47,7 @@ class Inputs:
         def read(key: str, reader: Callable[..., Any]) -> dict[str, Any]:
             return {name: reader(study.resolve(name), name) for name in files.get(f"optics.{key}", ())}
 
-        self.sun = next((sunshapes.table(*table) for table in read("sun_shape.file", read_profile).values()), None)
+        self.sun: Any = next((sunshapes.table(*table) for table in read("sun_shape.file", read_profile).values()), None)
         self.maps: dict[str, SlopeMap] = {
             PurePath(name).name: found._replace(slope=rays.filled(found.slope))
             for name, found in read("slope_map", read_slopes).items()
@@ -89,18 +89,8 @@ class Inputs:
 
     def sun_of(self, values: Mapping[str, Any]) -> sunshapes.SunShape:
         """Return the sun shape at a point; `values` maps the last part of each key to its value."""
-        if values["kind"] == "table":
-            assert self.sun is not None
-            return self.sun
-        return _sun(values["kind"], values["circumsolar_ratio"] if values["kind"] == "buie" else None)
-
-
-@lru_cache(16)
-def _sun(kind: str, ratio: float | None) -> sunshapes.SunShape:
-    if kind == "buie":
-        assert ratio is not None
-        return sunshapes.buie(ratio)
-    return getattr(sunshapes, kind)()
+        ratio = [values["circumsolar_ratio"]] * (values["kind"] == "buie")
+        return self.sun if values["kind"] == "table" else getattr(sunshapes, values["kind"])(*ratio)
 
 
 def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout) -> Floats:

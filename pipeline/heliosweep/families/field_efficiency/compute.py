@@ -33,10 +33,10 @@ from heliosweep.families.field_efficiency.losses import (
 )
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.traced import (
-    KEPT_INSTANTS,
     RANKING,
     LightSums,
     TracedField,
+    is_series_traced,
     usual_rays,
 )
 from heliosweep.families.field_efficiency.values import (
@@ -50,7 +50,6 @@ from heliosweep.families.field_efficiency.values import (
     hours_of,
     land_area,
     means_of_field,
-    mirror_area,
     totals,
 )
 from heliosweep.families.field_efficiency.variables import (
@@ -75,6 +74,7 @@ from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.rays import warm_rays
 from heliosweep.layouts.resolve import Layouts, longest, mirror_size, weighted_mean
 from heliosweep.lazy import xr
+from heliosweep.light import TRACKING, mirror_area
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
@@ -96,7 +96,6 @@ SUMS_BYTES = 640
 #: Memory for the frame of one mirror for a packet of sun directions. [bytes]
 FRAME_BYTES = packets.PACKET * 10 * 8
 
-_TRACKING = {"spinning_elevation": packets.SPINNING_ELEVATION, "azimuth_elevation": packets.AZIMUTH_ELEVATION}
 _SIZES = ("heliostat.width", "heliostat.height")
 _KEEP = ("keep.heliostats", "keep.field_power", "keep.by", "keep.heat_power")
 #: Field variables, and the heliostat variables whose sums they are. Squared standard errors are also summed.
@@ -125,7 +124,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
     shapes = study.output.outlines
     outlined = _OUTLINES | {"image": (np.arange(shapes), _OUTLINES["image"][1])} if shapes else {}
     polygons = study.optics is None or shapes
-    traced_series = _is_series_traced(study)
+    traced_series = is_series_traced(study)
     return Computation(
         function=compute_point,
         variables=variables(study),
@@ -182,16 +181,10 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
     """Return the memory for neighbouring mirrors, values at all instants, and one block of heliostats. [bytes]"""
     heliostats, instants = longest(study), _instants(study)
     each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
-    each += 2 * SUMS_BYTES * (KEPT * _is_series_traced(study) or has_heat(study))
+    each += 2 * SUMS_BYTES * (KEPT * is_series_traced(study) or has_heat(study))
     block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * heliostats * instants)
     block += images(study, heliostats, instants)[1]
     return min(heliostats, HALO) * FRAME_BYTES + heliostats * BYTES_PER_MIRROR + each * instants + block
-
-
-def _is_series_traced(study: FieldEfficiencyStudy) -> bool:
-    """Return True if the field's time series and its means use the same rays."""
-    output, few = study.output, instant_count(study.time) <= KEPT_INSTANTS
-    return few and study.optics is not None and output.field_series and not output.time_series
 
 
 def _series(study: FieldEfficiencyStudy) -> bool:
@@ -206,7 +199,7 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
     Rays are traced once for both the means and the time series of a field.
     """
     key, inputs = tuple(point.position.values()), point.inputs
-    if not _is_series_traced(point.study):
+    if not is_series_traced(point.study):
         return _values(point, key)
     if "time" in point.points.region:
         return _values(point, key, inputs.series_of(key))
@@ -364,7 +357,7 @@ def _field(
         sides[0] / 2,
         sides[1] / 2,
         point["receiver.height"],
-        _TRACKING[point["tracking"]],
+        TRACKING[point["tracking"]],
     )
     area, tower = mirror_area(*sides, study.heliostat.facets), tower_of(point, study)
     works = Available.at(point, layout)

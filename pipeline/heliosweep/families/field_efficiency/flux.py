@@ -34,18 +34,17 @@ class FluxMap(Block):
     ] = None
 
 
-def flux_sizes(study: FieldEfficiencyStudy) -> dict[str, int]:
-    """Return the length of each dimension of the study's flux maps (rows, columns); empty without flux maps."""
+def flux_cells(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
+    """Return the rows and columns of receiver cells for flux maps; None without flux maps."""
     wanted = study.output.flux_map
-    return {} if wanted is None else dict(zip(DIMS, (wanted.rows, wanted.columns), strict=True))
+    return None if wanted is None else (wanted.rows, wanted.columns)
 
 
 def cells_of(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
     """Return the rows and columns of receiver cells for a flux limit or flux maps; None if the study has neither."""
-    aim, wanted = study.aim, study.output.flux_map
-    if aim is not None and is_limited(study):
-        return aim.flux_rows, aim.flux_columns
-    return None if wanted is None else (wanted.rows, wanted.columns)
+    if study.aim is not None and is_limited(study):
+        return study.aim.flux_rows, study.aim.flux_columns
+    return flux_cells(study)
 
 
 def is_limited(study: FieldEfficiencyStudy) -> bool:

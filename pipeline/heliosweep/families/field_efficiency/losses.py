@@ -225,14 +225,10 @@ def check_tower(study: FieldEfficiencyStudy) -> Iterator[Problem]:
             )
         if study.optics is not None and top > bottom and radius > wide:
             yield study.problem("tower.top", f"covers the receiver: must be at most {bottom:g} m (got {top:g})")
-        yield from _within(study, layout, radius)
-
-
-def _within(study: FieldEfficiencyStudy, layout: Layout, radius: float) -> Iterator[Problem]:
-    within = np.flatnonzero(np.hypot(layout.x, layout.y) <= radius)
-    if within.size:
-        message = f"must be less than the distance of the mirrors: {within.size:,} are within the tower, first "
-        yield study.problem("tower.radius", f"{message}{layout.where(within[0])} of {layout.name}; move or remove them")
+        if (within := np.flatnonzero(np.hypot(layout.x, layout.y) <= radius)).size:
+            message = f"must be less than the distance of the mirrors: {within.size:,} are within the tower, first "
+            first = f"{layout.where(within[0])} of {layout.name}"
+            yield study.problem("tower.radius", f"{message}{first}; move or remove them")
 
 
 class Outages(NamedTuple):
@@ -286,12 +282,11 @@ def outages_of(study: FieldEfficiencyStudy) -> Outages | None:
     """Return the outages of a study, or None if it has no table of outages."""
     if study.availability is None or study.availability.outages is None:
         return None
-    name, zone = study.availability.outages, _zone(study)
-    return read_outages(study.resolve(name), name, zone or "+00:00")
+    name = study.availability.outages
+    return read_outages(study.resolve(name), name, _zone(study) or "+00:00")
 
 
 def _zone(study: FieldEfficiencyStudy) -> str | None:
-    """Return the time zone of a study with a single site, or None."""
     zone: str | None = getattr(study.time, "timezone", None)
     return zone or (None if study.site is None else study.site.timezone)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from heliosweep.config import WeatherTime
 from heliosweep.families.field_efficiency.budget import budget_cases
 from heliosweep.families.field_efficiency.chain import Geometry, Way
-from heliosweep.families.field_efficiency.flux import IRRADIANCE, flux_sizes
+from heliosweep.families.field_efficiency.flux import IRRADIANCE, flux_cells
 from heliosweep.families.field_efficiency.heat import has_heat
 from heliosweep.families.field_efficiency.losses import Available
 from heliosweep.families.field_efficiency.values import Hours, Values, chain_of_energies, powers
@@ -26,6 +26,7 @@ from heliosweep.families.field_efficiency.variables import (
     LIGHT,
     MONTHS,
 )
+from heliosweep.grid.sun import instant_count
 from heliosweep.kernels import rays
 from heliosweep.kernels.compiled import Floats
 
@@ -58,13 +59,19 @@ def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> f
     lit = LIT if isinstance(study.time, WeatherTime) else 1.0
     if optics.rays is not None:
         return lit * optics.rays
-    if study.sample is not None and not flux_sizes(study) and (step := drawn_step(optics, heliostats * instants)) > 1:
+    if study.sample is not None and not flux_cells(study) and (step := drawn_step(optics, heliostats * instants)) > 1:
         return lit * DRAWN_RAYS / step
     finer = (PRECISION / (optics.precision or PRECISION)) ** (1.0 / 0.7)
     wanted = (
-        USUAL_RAYS * max(1.0, MANY_INSTANTS / (lit * instants)) ** 0.8 * (MAPPED if flux_sizes(study) else 1) * finer
+        USUAL_RAYS * max(1.0, MANY_INSTANTS / (lit * instants)) ** 0.8 * (MAPPED if flux_cells(study) else 1) * finer
     )
     return lit * min(max(DRAWN_RAYS, wanted), rays.MOST)
+
+
+def is_series_traced(study: FieldEfficiencyStudy) -> bool:
+    """Return True if the field's time series and its means use the same rays."""
+    output, few = study.output, instant_count(study.time) <= KEPT_INSTANTS
+    return few and study.optics is not None and output.field_series and not output.time_series
 
 
 def drawn_step(optics: Any, pairs: int) -> int:
@@ -152,16 +159,15 @@ class TracedField(NamedTuple):
         first, last, _ = part.indices(len(sun))
         blocks, parts = list[Values](), list[Floats]()
         if whole is None:
-            sizes = flux_sizes(self.study) if self._is_mapped(len(sun)) else {}
-            number, each = self._rays(sun, weight, weight * reflected, sizes), self.study.output.time_series
+            cells = flux_cells(self.study) if self._is_mapped(len(sun)) else None
+            number, each = self._rays(sun, weight, weight * reflected, cells), self.study.output.time_series
             length = max(1, PAIRS // len(area)) if each else last - first
             for begin in range(first, last, length):
                 end = min(begin + length, last)
                 made = self._traced(
                     sun, begin, end, weights=np.stack((np.ones(len(sun)), reflected)),
                     group=np.arange(len(sun)) - begin if each else None, groups=end - begin if each else 1, start=start,
-                    stop=stop, rays=number, seed=self._optics.seed, share=self.share,
-                    area=self.area, threads=self.threads, cuda=self._cuda,
+                    stop=stop, rays=number, share=self.share, area=self.area,
                 )  # fmt: skip
                 parts.append(made.field)
                 if each:
@@ -205,7 +211,7 @@ class TracedField(NamedTuple):
         if self._stride(len(hours.sun)) > 1:
             return 0
         weight = hours.weight
-        return self._rays(hours.sun, weight, weight * self._reflected(hours)[1], flux_sizes(self.study))
+        return self._rays(hours.sun, weight, weight * self._reflected(hours)[1], flux_cells(self.study))
 
     def _reflected(self, hours: Hours) -> tuple[float, Floats]:
         """Return the constant factor by which reflectivity is reduced, and the relative factor at each instant.
@@ -222,18 +228,13 @@ class TracedField(NamedTuple):
         return self.study.optics
 
     @property
-    def _cuda(self) -> bool:
-        """True if rays are traced on a graphics processor."""
-        return self.study.execution.device == "cuda"
-
-    @property
     def share(self) -> Floats:
         """Weight of each heliostat in the flux map: area times transmittance times reflectivity. [m2]"""
         return self.area * self.transmitted * self.reflection
 
     def _stride(self, instants: int) -> int:
         """Return the step between traced instants for a number of instants."""
-        drawn = self.study.sample is not None and not flux_sizes(self.study)
+        drawn = self.study.sample is not None and not flux_cells(self.study)
         return drawn_step(self._optics, len(self.area) * instants) if drawn else 1
 
     def _is_mapped(self, instants: int) -> bool:
@@ -246,17 +247,16 @@ class TracedField(NamedTuple):
         series: LightSums | None = None,
     ) -> rays.Traced:  # fmt: skip
         """Trace the heliostats `start` to `stop` - 1, and add the light to `light` and `series` if given."""
-        sizes = flux_sizes(self.study) if light is not None else {}
-        instants = series is not None and series.has_series(len(sun))
-        share, area = self.share if sizes or instants else None, self.area if instants else None
+        cells = flux_cells(self.study) if light is not None else None
+        instants = series is not None and series.wanted
+        share, area = self.share if cells or instants else None, self.area if instants else None
         stride = self._stride(len(sun))
 
         def traced() -> rays.Traced:
             made = self._traced(
                 sun, 0, len(sun), weights=np.stack((weight, reflected)), group=group, groups=groups, start=start,
-                stop=stop, rays=DRAWN_RAYS if stride > 1 else self._rays(sun, weight, reflected, sizes),
-                seed=self._optics.seed, cells=_cells(sizes), share=share, area=area, stride=stride,
-                threads=self.threads, cuda=self._cuda,
+                stop=stop, rays=DRAWN_RAYS if stride > 1 else self._rays(sun, weight, reflected, cells),
+                cells=cells, share=share, area=area, stride=stride,
             )  # fmt: skip
             if stride == 1:
                 return made
@@ -276,6 +276,7 @@ class TracedField(NamedTuple):
 
     def _traced(self, sun: Floats, first: int, last: int, **given: Any) -> rays.Traced:
         """Trace rays at the instants `first` to `last` - 1, with aim points for each instant if `targets` is given."""
+        given |= {"seed": self._optics.seed, "threads": self.threads, "cuda": self.study.execution.device == "cuda"}
         if self.targets is None or len(self.targets) != len(sun):
             return rays.trace(self.scene, sun, first=first, last=last, **given)
         parts = [
@@ -318,9 +319,9 @@ class TracedField(NamedTuple):
             field[:, used, rays.RECEIVED] = course * level[parts]
         return made._replace(sums=scaled, field=field)
 
-    def _rays(self, sun: Floats, weight: Floats, reflected: Floats, sizes: Mapping[str, int]) -> int:
-        """Return the number of rays per heliostat and instant for energies and a flux map of the given size."""
-        optics, cells = self._optics, _cells(sizes)
+    def _rays(self, sun: Floats, weight: Floats, reflected: Floats, cells: tuple[int, int] | None) -> int:
+        """Return the number of rays per heliostat and instant for energies and a flux map of the given cells."""
+        optics = self._optics
         if self.number:
             return self.number
         if optics.rays is not None:
@@ -357,15 +358,10 @@ class LightSums:
 
     def __init__(self, way: Way) -> None:
         self._study, self._way = way.study, way
-        self._wanted = bool(flux_sizes(way.study))
         self._maps: dict[str, tuple[NDArray[np.int64], float]] = {}
+        #: True if the sums at each instant are kept for time series or heat, and these sums.
+        self.wanted = is_series_traced(way.study) or (has_heat(way.study) and way.study.weather is not None)
         self.series: Any = 0.0
-
-    def has_series(self, instants: int) -> bool:
-        """Return True if the sums at each instant are kept for the field's time series."""
-        output = self._study.output
-        few = output.field_series and not output.time_series and instants <= KEPT_INSTANTS
-        return few or (has_heat(self._study) and self._study.weather is not None)
 
     def received(self, hours: Hours) -> Floats:
         """Return the field's power on the receiver divided by the irradiance at each instant, shape (T,). [m2]"""
@@ -374,7 +370,7 @@ class LightSums:
 
     def add(self, name: str, made: rays.Traced, scale: float = 1.0) -> None:
         """Add the light on each receiver cell, multiplied by `scale`. [kW or MWh]"""
-        if self._wanted:
+        if flux_cells(self._study):
             flux, _ = self._maps.get(name, (0, scale))
             self._maps[name] = flux + made.flux, scale * made.unit
 
@@ -398,11 +394,6 @@ class LightSums:
             cells = found["flux_map"]
             found["power_above_limit"] = cells[cells > wanted.limit].sum() / (cells.sum() or np.nan)
         return found
-
-
-def _cells(sizes: Mapping[str, int]) -> tuple[int, int] | None:
-    """Return the numbers of rows and columns of a flux map, or None."""
-    return (sizes["flux_row"], sizes["flux_column"]) if sizes else None
 
 
 def _quantities(made: rays.Traced) -> Floats:

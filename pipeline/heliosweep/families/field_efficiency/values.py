@@ -19,7 +19,7 @@ Both mounts orient the normal along n = unit(s + r), where r is the direction to
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -44,7 +44,6 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.chain import Geometry
-    from heliosweep.families.field_efficiency.optics import FacetGrid
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 
@@ -130,19 +129,13 @@ def energies_of_field(parameters: Parameters, computed: Any, area: Floats) -> di
     shape, days = area.shape[:-1], Days(parameters, Suns(parameters))
     made |= {"energy_per_mirror_area": each, "rank": rank, "hours_used": np.zeros(shape)}
     made |= {"monthly_incident_energy": np.zeros((*shape, MONTHS)), "hours_lost": np.zeros((*shape, days.causes))}
-    for index, place, limits in _points(parameters):
+    for index, given in parameters.points(*PLACE, *LIMITS):
         there = np.flatnonzero((area[index] > 0) & bool(made["field_receiver_energy"][index] > 0))
         rank[index][there[np.argsort(-each[index][there], kind="stable")]] = np.arange(1, len(there) + 1)
-        hours = days.at(index, place, limits)
+        hours = days.at(index, given[: len(PLACE)], given[len(PLACE) :])
         made["monthly_incident_energy"][index] = mirrors[index] * hours.incident
         made["hours_used"][index], made["hours_lost"][index] = hours.used, hours.lost
     return made
-
-
-def _points(parameters: Parameters) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...], tuple[Any, ...]]]:
-    """Yield the index of each point of a region, with its values of `PLACE` and `LIMITS`."""
-    for index, given in parameters.points(*PLACE, *LIMITS):
-        yield index, given[: len(PLACE)], given[len(PLACE) :]
 
 
 Values = dict[str, Floats]
@@ -256,21 +249,12 @@ def at_instants(sun: Floats, hours: Hours | None, part: slice) -> Values:
     return found if hours is None else {**found, "dni": hours.dni[part]}
 
 
-def mirror_area(width: Floats, height: Floats, facets: FacetGrid | None) -> Floats:
-    """Return the area of mirrors without the gaps between their facets. [m2]"""
-    if facets is None:
-        return width * height
-    return (width - (facets.columns - 1) * facets.gap) * (height - (facets.rows - 1) * facets.gap)
-
-
 def land_area(x: Floats, y: Floats, radius: float) -> float:
     """Return the area of the convex hull of the centres x, y [m], extended outwards by `radius` [m]. [m2]"""
-    from shapely import convex_hull, get_coordinates, multipoints
+    from shapely import convex_hull, multipoints
 
     hull = convex_hull(multipoints(np.stack((x, y), axis=1)))
-    corners = get_coordinates(hull)
-    # perimeter of the hull; twice the length if all centres are on one line
-    around = np.hypot(*(corners - np.roll(corners, 1, axis=0)).T).sum()
+    around = hull.length * (1 if hull.area else 2)  # the hull of centres on one line has two sides
     return float(hull.area + radius * around + math.pi * radius**2)
 
 
