@@ -13,7 +13,6 @@ from matplotlib.colors import Normalize
 from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
-from heliosweep.families.field_efficiency.figures import PLACES, STAGES, arrival
 from heliosweep.families.field_efficiency.flux import DIMS
 from heliosweep.report.context import Context, at, fold
 from heliosweep.report.draw import colour_bar, label_outside, legend, panels
@@ -39,14 +38,15 @@ def energy_losses(result: xr.Dataset) -> Any:
     """Draw a waterfall chart of the energy for some points of the sweep, with amounts and percentages."""
     context, received = Context(result), result["field_receiver_energy"]
     dims = [dim for dim in received.dims if received.sizes[dim] > 1]
-    dim = str(next((one for one in (*PLACES, *dims) if one in dims), ""))
+    dim = str(next((one for one in ("latitude", "site", "layout", *dims) if one in dims), ""))
     other = "tracking" if "tracking" in dims and dim != "tracking" else None
     fixed = context.fixed(received, dim, other)
     points = [{**p, **q} for p in context.chosen(dim, 4 if not other else 2) for q in context.chosen(other, 2)]
     happens = (result["loss"] != 0).any([one for one in result["loss"].dims if one != "stage"]).to_numpy()
-    stages = [STAGES.get(stage, stage).replace("_", " ") for stage in result["stage"].to_numpy()[happens]]
-    heat = "field_heat" in result
-    steps = ["incident", *stages, "heat" if heat else arrival(result)]
+    stages = [str(stage).replace("_", " ") for stage in result["stage"].to_numpy()[happens]]
+    stages = ["stow (limits)" if stage == "stow" else stage for stage in stages]
+    heat, end = "field_heat" in result, "on the receiver" if "total_efficiency" in result else "sent to the receiver"
+    steps = ["incident", *stages, "heat" if heat else end]
     colours = ["#b0b0b0", *[COLOURS[1]] * len(stages), COLOURS[0]]
 
     def waterfall(axes: Any, point: Any) -> None:

@@ -14,8 +14,6 @@ from heliosweep.report.context import Context
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Maps, Rasters, Special, is_ordered
 from heliosweep.report.tables import SOURCE, Table, numbers
 
-#: Names of stages in tables and figures if they differ from the labels in the result.
-STAGES = {"stow": "stow (limits)"}
 _COST = ("levelized_cost_of_heat", "total_capital_cost", "field_heat", "design_point_heat")
 _AIMS = ("aimed_power", "unlimited_power", "limit_loss", "aim_gap", "aimed_peak_flux", "unlimited_peak_flux",
          "stowed_heliostats")  # fmt: skip
@@ -92,13 +90,9 @@ def _sums(result: xr.Dataset) -> str:
     return f"Sums over {hours} with the sun above the horizon, {'a full year' if year else 'less or more than a year'}."
 
 
-def arrival(result: xr.Dataset) -> str:
-    """Return a phrase for the point in the optical path at which energies are given."""
-    return "on the receiver" if "total_efficiency" in result else "sent to the receiver"
-
-
-_LIGHT = ("total", "optical", "cosine", "shading", "blocking", "attenuation", "intercept", "reflection")
-_EFFICIENCIES = tuple(f"{name}_efficiency" for name in _LIGHT)
+_EFFICIENCIES = tuple(f"{name}_efficiency" for name in (
+    "total", "optical", "cosine", "shading", "blocking", "attenuation", "intercept", "reflection"
+))  # fmt: skip
 _ENERGY = ("energy_per_mirror_area", "receiver_energy", "rank")
 PLACES = ("latitude", "site", "layout")
 _ANGLES = ("primary_angle", "secondary_angle")
@@ -109,6 +103,7 @@ _OWN = (HELIOSTAT, "time", "month", "stage", "cause", "item", *DIMS, "effect", "
 def figures(result: xr.Dataset) -> list[Figure]:
     """Return the figures of a result, with the main figure first."""
     energy, context = _ENERGY[0] in result, Context(result)
+    arrival = "on the receiver" if "total_efficiency" in result else "sent to the receiver"
     means = "Energies are sums, efficiencies are means over the period." if energy else "Means over the period."
     field = [f"field_{name}" for name in (*_ENERGY[:2], *_EFFICIENCIES)]
     others = ["design_point_power", "field_heliostats", "peak_flux", "mean_flux", "power_above_limit", "hours_used"]
@@ -117,7 +112,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
     lines, places = ("tracking",), PLACES
     return [
         _special("energy_losses",
-                f"Energy from the direct sunlight on all mirrors to the energy {arrival(result)}, in percent of the "
+                f"Energy from the direct sunlight on all mirrors to the energy {arrival}, in percent of the "
                 "first",
                 ("loss", "field_incident_energy", "field_receiver_energy")),
         budget_figure(result),
@@ -146,7 +141,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
                over=("month",), lines=lines,
                notes="Incident: direct sunlight on all mirrors with the sun above the horizon."),
         Curves("energy_by_rank",
-               f"Heliostats in descending order of energy {arrival(result)} per mirror area",
+               f"Heliostats in descending order of energy {arrival} per mirror area",
                ("ranked_energy", "cumulated_energy"), over=("number_of_heliostats",), lines=lines, derive=_ranked,
                interactive=False),
         Curves("power", "Power of the field at each instant, in universal time",
