@@ -231,7 +231,7 @@ def _fit(
     rays, bright, rows, simplex = np.empty((cameras, 3)), np.empty(cameras), np.empty((cameras, 3)), np.empty((5, 3))
     sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
     for n in range(images.shape[1]):
-        y, z, count = pixels[0, n], pixels[1, n], 0
+        y, z, count = pixels[0, n], pixels[1, n], np.int64(0)  # for a literal 0, callees would be compiled twice
         x, a, b = (0.0, 0.0, 0.0) if wavefront else ideal_mirror(layout.focal_length, y, z)
         for i in range(cameras):
             if images[i, n] >= threshold:  # False for NaN
