@@ -35,17 +35,6 @@ from heliosweep.errors import Problem
 UNKNOWN_KEY = "unknown key"
 #: Marker for a path that does not exist in the file.
 _ABSENT = object()
-_MESSAGES = {
-    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "must be a mapping of keys to values"),
-    "tuple_type": "must be a list",
-    "list_type": "must be a list",
-    "too_short": "must not be empty",
-    "invalid_key": "keys must be text",
-    "string_type": "must be text",
-    "bool_type": "must be true or false",
-    "int_type": "must be a whole number",
-    "float_type": "must be a number",
-}
 
 
 class Block(BaseModel):
@@ -145,11 +134,25 @@ def _message(details: ErrorDetails, block: type[Block]) -> str:
     if kind in ("fault", "rule"):
         return details["msg"]
     if kind == "missing":
-        return f"is missing{_purpose(block, details)}"
+        key = str(details["loc"][-1])
+        inner = next(one for one in blocks_at(block, details["loc"][:-1]) if key in one.model_fields)
+        parameter, description = inner.parameter(key), inner.model_fields[key].description
+        return f"is missing: {parameter.purpose if parameter else description or one_of(inner.literals(key))}"
     if kind == "literal_error":
         return f"must be {context['expected']}"
     if not kind.startswith("union_tag"):
-        return _MESSAGES.get(kind, "is not valid here")
+        return {
+            **dict.fromkeys(
+                ("model_type", "model_attributes_type", "dict_type"), "must be a mapping of keys to values"
+            ),
+            **{"tuple_type": "must be a list", "list_type": "must be a list", "string_type": "must be text"},
+            **{
+                "too_short": "must not be empty",
+                "invalid_key": "keys must be text",
+                "int_type": "must be a whole number",
+            },
+            **{"bool_type": "must be true or false", "float_type": "must be a number"},
+        }.get(kind, "is not valid here")
     tag = context["discriminator"].strip("'")
     names = [name for inner in blocks_at(block, details["loc"]) for name in inner.literals(tag)]
     return f"{'is missing:' if kind == 'union_tag_not_found' else 'must be'} {one_of(names)}"
@@ -186,16 +189,6 @@ def _meant(details: ErrorDetails, block: type[Block]) -> tuple[str, str]:
         return "", f"; {remedy}"
     key = nearest(word, known)
     return key or "", f"; did you mean '{key}'?" if key else ""
-
-
-def _purpose(block: type[Block], details: ErrorDetails) -> str:
-    key = str(details["loc"][-1])
-    for inner in blocks_at(block, details["loc"][:-1]):
-        if key in inner.model_fields:
-            parameter, description = inner.parameter(key), inner.model_fields[key].description
-            purpose = parameter.purpose if parameter else description or one_of(inner.literals(key))
-            return f": {purpose}" * bool(purpose)
-    return ""
 
 
 class Receiver(Block):
@@ -285,7 +278,6 @@ class Report(Block):
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
 
 
-_QUEUES = {name: name.upper() for name in ("slurm", "pbs", "sge", "lsf", "oar")} | {"htcondor": "HTCondor"}
 _ADDRESS = re.compile(r"(?:tcp|tls)://(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[[0-9A-Fa-f:.]{2,45}\]):([0-9]{1,5})")
 
 
@@ -360,8 +352,9 @@ class Execution(Block):
         profiles = data.get("profiles")
         named = profiles.get(data.get("profile")) if isinstance(profiles, dict) else None
         keys = {**data, **(named if isinstance(named, dict) else {})}
-        job, queue = keys.get("job"), _QUEUES.get(str(keys.get("scheduler")))
-        if queue:
+        queues = {name: name.upper() for name in ("slurm", "pbs", "sge", "lsf", "oar")} | {"htcondor": "HTCondor"}
+        job = keys.get("job")
+        if queue := queues.get(str(keys.get("scheduler"))):
             now = {"directives": "job_extra_directives", "setup": "job_script_prologue"}
             keywords = {now.get(key, key): value for key, value in job.items()} if isinstance(job, dict) else {}
             keys |= {"scheduler": "distributed", "cluster": {"class": f"dask_jobqueue.{queue}Cluster", **keywords}}
@@ -412,11 +405,6 @@ class Creator(Block):
     ] = None
     affiliation: Annotated[str | None, Text("Institution")] = None
     email: Annotated[str | None, Text("E-mail address for questions")] = None
-
-    @property
-    def orcid_url(self) -> str | None:
-        """Address of the ORCID iD."""
-        return f"https://orcid.org/{self.orcid}" if self.orcid else None
 
 
 class Funding(Block):

@@ -10,7 +10,7 @@ import datetime as dt
 import difflib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -84,10 +84,6 @@ class Invalid(ValueError):
         self.faults = (faults,) if isinstance(faults, Fault) else tuple(faults)
         super().__init__("; ".join(fault.message for fault in self.faults))
 
-    def under(self, *place: str | int) -> tuple[Fault, ...]:
-        """Return the faults with `place` prepended to their paths."""
-        return tuple(Fault(fault.message, (*place, *fault.path), fault.show_value) for fault in self.faults)
-
 
 class Faults(list[Fault]):
     """A collection of faults that are raised together."""
@@ -98,7 +94,7 @@ class Faults(list[Fault]):
         try:
             yield
         except Invalid as error:
-            self += error.under(*place)
+            self += (replace(fault, path=(*place, *fault.path)) for fault in error.faults)
 
     def check(self) -> None:
         """Raise Invalid if there are faults."""

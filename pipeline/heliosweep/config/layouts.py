@@ -18,11 +18,6 @@ SOURCES = ("file", "table", *GENERATORS)
 #: Keys that describe the ground of a generated layout.
 GROUND = ("sectors", "boundary", "exclude", "margin", "terrain")
 
-PATTERNS = {
-    "staggered": "each row is shifted by half a spacing relative to the next",
-    "straight": "heliostats of all rows are aligned",
-}
-
 _Heliostats = Annotated[
     int | Sweep | None, Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
 ]
@@ -122,9 +117,17 @@ class Rows(Block):
         _azimuth("Azimuth perpendicular to the rows, clockwise from north; 0 for rows from west to east",
                  "row_azimuth", "azimuth perpendicular to the rows"),
     ] = 0.0  # fmt: skip
-    pattern: Annotated[str | Sweep, Choice("Arrangement of the rows", PATTERNS, title="pattern of the rows")] = (
-        "staggered"
-    )
+    pattern: Annotated[
+        str | Sweep,
+        Choice(
+            "Arrangement of the rows",
+            {
+                "staggered": "each row is shifted by half a spacing relative to the next",
+                "straight": "heliostats of all rows are aligned",
+            },
+            title="pattern of the rows",
+        ),
+    ] = "staggered"
     heliostats: _Heliostats = None
 
 

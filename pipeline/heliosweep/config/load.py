@@ -42,7 +42,17 @@ def with_base(source: Source, registry: Mapping[str, type[Study]]) -> Source:
     """
     layers = [source]
     while INCLUDE in layers[-1].data:
-        layers.append(read(_base_path(layers)))
+        last, path = layers[-1], pathlib.Path()
+        name, message = last.data[INCLUDE], "must be the name of a study file, relative to this file"
+        if isinstance(name, str) and name.strip():
+            path, message = named_in(last.directory, name), ""
+            if not os.path.isfile(path):  # noqa: PTH113 -- False for invalid file names
+                message = "no such file, relative to the study file"
+            elif path.resolve() in {layer.path.resolve() for layer in layers if layer.path}:
+                message = "refers to a file that already includes this file"
+        if message:
+            raise StudyError(last.problem((INCLUDE,), f"{message} (got {shown(name)})"))
+        layers.append(read(path))
     families = [layer.data["family"] for layer in layers if "family" in layer.data]
     study_class = registry.get(families[0]) if families and isinstance(families[0], str) else None
     joined = layers.pop()
@@ -157,22 +167,6 @@ def with_patterns(source: Source, study_class: type[Study]) -> Source:
     return source
 
 
-def _base_path(layers: list[Source]) -> pathlib.Path:
-    last = layers[-1]
-    name, message = last.data[INCLUDE], ""
-    if not isinstance(name, str) or not name.strip():
-        message = "must be the name of a study file, relative to this file"
-    else:
-        path = named_in(last.directory, name)
-        if not os.path.isfile(path):  # noqa: PTH113 -- False for invalid file names
-            message = "no such file, relative to the study file"
-        elif path.resolve() in {layer.path.resolve() for layer in layers if layer.path}:
-            message = "refers to a file that already includes this file"
-    if message:
-        raise StudyError(last.problem((INCLUDE,), f"{message} (got {shown(name)})"))
-    return path
-
-
 def _joined(base: Source, above: Source, study_class: type[Study] | None) -> Source:
     """Return the study `above`, completed by the keys of `base` that it does not replace."""
     base = replace(base, data=copy.deepcopy(base.data))
@@ -257,8 +251,12 @@ def validated(
 ) -> StudyT:
     """Change keys of a study, and return it validated. Raises a StudyError that lists all problems."""
     source = changed(source, changes, named) if changes else source
-    problems = list(source.problems)
-    study_class = _study_class(source, registry)
+    problems, family, names = list(source.problems), source.data.get("family"), [*registry]
+    if family not in names:
+        message = f"unknown family{did_you_mean(str(family), names) or f'; use {one_of(names)}'} (got {shown(family)})"
+        message = f"is missing: {one_of(names)}" if family is None else message
+        raise _refusal([*problems, source.problem(("family",), message)])
+    study_class = registry[str(family)]
     source = with_patterns(source, study_class)
     if {"site", "sites"} & set(study_class.model_fields):
         source = with_weather_sites(source, problems)
@@ -296,31 +294,14 @@ def _merged(
         path: Path = (*at, key)
         if isinstance(value, dict) and isinstance(below.get(key), dict) and is_block(path):
             together[key] = _merged(below[key], value, path, is_block, replaced)
-            continue
-        replaced.add(path)
-        together[key] = value
-        if value is None and key in below:
-            del together[key]
-    return together
-
-
-def _study_class(source: Source, registry: Mapping[str, type[StudyT]]) -> type[StudyT]:
-    family = source.data.get("family")
-    if isinstance(family, str) and family in registry:
-        return registry[family]
-    if family is None:
-        message = f"is missing: {one_of(registry)}"
-    elif not isinstance(family, str):
-        message = f"must be {one_of(registry)} (got {shown(family)})"
-    else:
-        hint = did_you_mean(family, registry) or f"; use {one_of(registry)}"
-        message = f"unknown family{hint} (got {shown(family)})"
-    raise _refusal([*source.problems, source.problem(("family",), message)])
+        else:
+            replaced.add(path)
+            together[key] = value
+    return {key: value for key, value in together.items() if value is not None or key not in below}
 
 
 def _nulls(data: Any, path: Path = ()) -> Iterator[Path]:
-    if data is None:
-        yield path
+    yield from [path] if data is None else ()
     for key, value in _entries(data):
         yield from _nulls(value, (*path, key))
 

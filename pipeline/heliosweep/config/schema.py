@@ -76,7 +76,20 @@ def keys_of(block: type[Block], prefix: str = "") -> Iterator[Key]:
     """Yield each key of a block, followed by the keys of its nested blocks."""
     for name, field in block.model_fields.items():
         blocks = [] if block.parameter(name) else list(dict.fromkeys(_blocks(field.annotation)))
-        yield _key(block, name, prefix, blocks)
+        parameter, default = block.parameter(name), field.get_default()
+        options, unit = getattr(parameter, "options", ()), getattr(parameter, "unit", "1").removeprefix("1")
+        meaning = getattr(parameter, "purpose" if isinstance(parameter, Numbers) else "description", "")
+        yield Key(
+            f"{prefix}{name}",
+            meaning or field.description or "",
+            unit,
+            tuple(options.items()) if isinstance(options, Mapping) else (),
+            _value(block, name, parameter, blocks, unit),
+            "" if field.is_required() else _default(default, unit),
+            field.is_required(),
+            bool(parameter and parameter.sweep),
+            isinstance(parameter, Samples),
+        )
         found: dict[str, list[tuple[str, Key]]] = {}
         for suffix, inner in blocks:
             tags = [f"`{key}: {one}`" for key in inner.model_fields for one in inner.literals(key)]
@@ -86,27 +99,7 @@ def keys_of(block: type[Block], prefix: str = "") -> Iterator[Key]:
             yield _merged([tag for tag, _ in same], [key for _, key in same], len(blocks))
 
 
-def _key(block: type[Block], name: str, prefix: str, blocks: list[Any]) -> Key:
-    field, parameter = block.model_fields[name], block.parameter(name)
-    default = field.get_default() if field.default_factory is None else None
-    options = getattr(parameter, "options", ())
-    unit = getattr(parameter, "unit", "1").removeprefix("1")
-    meaning = getattr(parameter, "purpose" if isinstance(parameter, Numbers) else "description", "")
-    return Key(
-        f"{prefix}{name}",
-        meaning or field.description or "",
-        unit,
-        tuple(options.items()) if isinstance(options, Mapping) else (),
-        _value(block, name, parameter, blocks, unit),
-        "" if field.is_required() else _default(default, unit),
-        field.is_required(),
-        bool(parameter and parameter.sweep),
-        isinstance(parameter, Samples),
-    )
-
-
 def _merged(tags: list[str], keys: list[Key], blocks: int) -> Key:
-    """Merge keys that have the same name in different kinds of a block."""
     key = keys[0]
     # the key selects the kind of the block
     if blocks > 1 and all(one.value[:1] == "`" and not one.options for one in keys):
@@ -116,7 +109,6 @@ def _merged(tags: list[str], keys: list[Key], blocks: int) -> Key:
 
 
 def _blocks(annotation: Any, suffix: str = "") -> Iterator[tuple[str, type[Block]]]:
-    """Yield the block classes in an annotation, each with the suffix ``[]`` if the block is in a list."""
     if isinstance(annotation, type) and issubclass(annotation, Block):
         yield suffix, annotation
     for argument in get_args(annotation) if get_origin(annotation) is not dict else ():

@@ -105,17 +105,6 @@ Sites = Annotated[
     ),
     Field(description="Several named sites: a list, or a CSV table"),
 ]
-MODELS = {
-    "ineichen": "Ineichen and Perez (2002), by Linke turbidity",
-    "simplified_solis": "Ineichen (2008), by aerosol optical depth and precipitable water",
-    "meinel": "Meinel and Meinel (1976): 1367 * 0.7^(AM^0.678) W/m2, AM the air mass",
-    "ashrae": "ASHRAE (1972): A exp(-B / sin(elevation)), A and B by month",
-}
-LABELS = {
-    "start": "the start of the interval",
-    "middle": "its middle",
-    "end": "its end",
-}
 
 
 def _of(model: str, title: str, default: str, unit: str, low: float, high: float) -> Quantity:
@@ -128,7 +117,17 @@ class ClearSky(Block):
 
     model: Annotated[
         str | Sweep,
-        Choice("Clear-sky model", MODELS, dimension="clear_sky_model", title="clear-sky model"),
+        Choice(
+            "Clear-sky model",
+            {
+                "ineichen": "Ineichen and Perez (2002), by Linke turbidity",
+                "simplified_solis": "Ineichen (2008), by aerosol optical depth and precipitable water",
+                "meinel": "Meinel and Meinel (1976): 1367 * 0.7^(AM^0.678) W/m2, AM the air mass",
+                "ashrae": "ASHRAE (1972): A exp(-B / sin(elevation)), A and B by month",
+            },
+            dimension="clear_sky_model",
+            title="clear-sky model",
+        ),
     ]
     linke_turbidity: Annotated[
         float | Sweep | None,
@@ -176,7 +175,7 @@ class Weather(Block):
         str | None,
         Choice(
             "Part of the interval that the time of a row marks (default: the convention of the format)",
-            LABELS,
+            {"start": "the start of the interval", "middle": "its middle", "end": "its end"},
             sweep=False,
         ),
     ] = None
@@ -232,16 +231,15 @@ class Limits(Block):
 
 
 #: Alternative column titles in a table of sites.
-_NAMES = {
-    "name": ("site", "station", "location", "site_name"),
-    "latitude": ("lat",),
-    "longitude": ("lon", "lng", "long"),
-    "altitude": ("elevation", "elev", "height_above_sea_level"),
-    "timezone": ("time_zone", "tz", "utc_offset"),
-}
 _COLUMNS = {
     name: Column(getattr(NamedSite.parameter(name), "purpose", ""), name in ("name", "latitude"), names=names)
-    for name, names in _NAMES.items()
+    for name, names in {
+        "name": ("site", "station", "location", "site_name"),
+        "latitude": ("lat",),
+        "longitude": ("lon", "lng", "long"),
+        "altitude": ("elevation", "elev", "height_above_sea_level"),
+        "timezone": ("time_zone", "tz", "utc_offset"),
+    }.items()
 }
 
 

@@ -38,7 +38,6 @@ _NUMBERS: tuple[tuple[re.Pattern[str], Any], ...] = (
     (re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"), float),
     (re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"), lambda text: float(text.replace(".", ""))),
 )
-_NOT_PRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 #: Hint for Windows paths in double quotes.
 ESCAPED = "; in double quotes a backslash starts an escape: write folders with '/'"
 
@@ -253,7 +252,8 @@ class _Reader:
             self.refuse("anchors (&) and aliases (*) are not allowed: write the value out", place, at)
         if event.tag is not None:
             self.refuse(f"tags are not allowed (got {in_short(event.tag)}): write the plain value", place, at)
-        if isinstance(event, yaml.ScalarEvent) and (bad := _NOT_PRINTABLE.search(event.value)):
+        printable = "\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff"
+        if isinstance(event, yaml.ScalarEvent) and (bad := re.search(f"[^{printable}]", event.value)):
             self.refuse(f"character U+{ord(bad[0]):04X} is not allowed, not even as an escape{ESCAPED}", place, at)
 
 

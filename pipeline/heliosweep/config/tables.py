@@ -18,7 +18,6 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -32,9 +31,6 @@ from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
 
 _COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
-_DATE = re.compile(
-    r"([DMY])\1*([-/.])([DMY])\3*\2([DMY])\4*(?:[ T]+HH:MM(?::SS)?)?(?:,? *(Z|UTC|[+-]\d\d:\d\d))?", re.I
-)
 _CELL = re.compile(
     r"(\d+)([-/.])(\d+)\2(\d+)(?:[ T]+(\d{1,2}):(\d\d)(?::(\d\d)(?:\.\d*)?)?(?: *([AP])\.?M\.?)?)?"
     r" *(Z|UTC|[+-]\d\d:?\d\d)?",
@@ -112,29 +108,31 @@ def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
         Times in the form ``2024-06-21T09:30``. The order of day and month follows from the title, from dots as in
         ``21.06.2024``, or from a day after the 12th. Otherwise, dates are not changed.
     """
-    cells = [_CELL.fullmatch(text.strip()) for text in texts]
+    matches, offset = [_CELL.fullmatch(text.strip()) for text in texts], ""
+    order = _order([match for match in matches if match])
+    stated = re.fullmatch(
+        r"([DMY])\1*([-/.])([DMY])\3*\2([DMY])\4*(?:[ T]+HH:MM(?::SS)?)?(?:,? *(Z|UTC|[+-]\d\d:\d\d))?", form, re.I
+    )
+    if stated and len({letter.lower() for letter in stated.group(1, 3, 4)}) == 3:
+        order, offset = "".join(stated.group(1, 3, 4)).lower(), stated[5] or ""
     compact = re.compile(r"(\d{4})(\d\d)(\d\d)[:T ]?(\d\d)(\d\d)?(\d\d)?")
-    order, offset = _order([cell for cell in cells if cell], _DATE.fullmatch(form))
+
+    def expanded(found: re.Match[str]) -> str:
+        year, month, day, hour, minute, second = found.groups()
+        return f"{year}-{month}-{day}T{hour}:{minute or '00'}{':' * bool(second)}{second or ''}"
+
     return [
-        _iso(text, cell, order, offset) if cell else compact.sub(_expanded, text.strip())
-        for text, cell in zip(texts, cells, strict=True)
+        _iso(text, cell, order, offset) if cell else compact.sub(expanded, text.strip())
+        for text, cell in zip(texts, matches, strict=True)
     ]
 
 
-def _order(cells: Sequence[re.Match[str]], stated: re.Match[str] | None) -> tuple[str, str]:
-    """Return the order of year, month and day, such as ``dmy``, and the offset in the title; empty if unknown."""
-    if stated and len({letter.lower() for letter in stated.group(1, 3, 4)}) == 3:
-        return "".join(stated.group(1, 3, 4)).lower(), (stated[5] or "").upper()
-    if not cells or len(cells[0][1]) == 4:
-        return "ymd" * bool(cells), ""
+def _order(cells: Sequence[re.Match[str]]) -> str:
+    """Return the order of year, month and day, such as ``dmy``; empty if unknown."""
+    if cells and len(cells[0][1]) == 4:
+        return "ymd"
     late = [any(int(cell[part]) > 12 for cell in cells) for part in (1, 3)]
-    dots = all(cell[2] == "." for cell in cells)
-    return "dmy" if dots or late == [True, False] else "mdy" * late[1], ""
-
-
-def _expanded(found: re.Match[str]) -> str:
-    year, month, day, hour, minute, second = found.groups()
-    return f"{year}-{month}-{day}T{hour}:{minute or '00'}{':' * bool(second)}{second or ''}"
+    return "dmy" if late == [True, False] or all(cell[2] == "." for cell in cells) else "mdy" * late[1]
 
 
 def _iso(text: str, cell: re.Match[str], order: str, offset: str) -> str:
@@ -383,9 +381,9 @@ class Table:
         """Raise a StudyError if there are problems. It lists the first ones and states the number of the others."""
         if self._problems and self._most == 1:
             counts = [self._found[cause] - 1 for cause, _ in self._problems]
-            more = [f", and also in {count:,} more rows" * (count > 0) for count in counts]
-            found = zip(self._problems, more, strict=True)
-            raise StudyError(replace(problem, message=problem.message + rest) for (_, problem), rest in found)
+            more = (f", and also in {count:,} more rows" * (count > 0) for count in counts)
+            found = (problem for _, problem in self._problems)
+            raise StudyError(replace(one, message=one.message + rest) for one, rest in zip(found, more, strict=True))
         if self._problems:
             in_order = sorted((one for _, one in self._problems), key=lambda one: (one.line or 0, one.column or 0))
             raise StudyError(listed(in_order, MAX_LISTED, self._found.total()))
@@ -504,14 +502,8 @@ def table_lines(text: str) -> tuple[list[int], list[str]]:
 
 def numbers(texts: Sequence[str]) -> NDArray[np.float64]:
     """Convert strings to numbers. The result is NaN or infinity if a string is not a number."""
-    plain, found = (
-        re.compile(r"[0-9+\-.eE\s]*"),
-        dict.fromkeys(texts, np.nan),
-    )  # float() also accepts 1_0 and non-ASCII digits
-    for text in found:
-        with suppress(ValueError):
-            found[text] = float(text) if plain.fullmatch(text) else np.nan
-    return np.array([found[text] for text in texts], float)
+    form = re.compile(r"\s*[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\s*")
+    return np.array([float(text) if form.fullmatch(text) else np.nan for text in texts], float)
 
 
 _COLUMNS = {

@@ -197,9 +197,7 @@ class SolarTime(Block):
 
     def count(self) -> int:
         """Return the number of instants, without expanding them."""
-        outer = self.days if self.declination is None else self.declination
-        assert outer is not None
-        return len(outer) * (len(self.hours) - (self.sampling != "inclusive"))
+        return len(self.declination or self.days or ()) * (len(self.hours) - (self.sampling != "inclusive"))
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,6 @@ from heliosweep.config.faults import (
     Fault,
     Faults,
     Invalid,
-    Path,
     did_you_mean,
     each,
     nearest,
@@ -183,21 +182,15 @@ def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = F
     """Read the entries of a non-empty list. They must differ unless `repeats` is True. Raises Invalid."""
     if not raw:
         raise Invalid(Fault("the list is empty: give at least one value", show_value=False))
-    known = set()
-
-    def another(entry: Any) -> Any:
-        value = read(entry)
-        if value in known and not repeats:
-            raise Invalid(TWICE)
-        known.add(value)
-        return value
-
-    return tuple(each(raw, another))
+    values, first = tuple(each(raw, read)), dict[Any, int]()
+    if again := [at for at, value in enumerate(values) if first.setdefault(value, at) != at and not repeats]:
+        raise Invalid(Fault(TWICE, (at,)) for at in again[: MAX_FAULTS + 1])
+    return values
 
 
 def _read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
     counts: dict[str, Callable[[Any], Any]] = {"step": number} if not geometric else {}
-    counts["num"] = partial(read_whole, least=1, most=MAX_POINTS)
+    counts["num"] = Quantity("", "1", ge=1, le=MAX_POINTS, integer=True, sweep=False).read
     readers = {"start": number, "stop": number, **counts}
     values = read_mapping(raw, readers, ("start", "stop"), _FORMS, exactly=tuple(counts))
     start, stop, num, reaches = values["start"], values["stop"], values.get("num"), True
@@ -260,39 +253,22 @@ def read_mapping(
     """
     if not isinstance(raw, Mapping):
         raise Invalid(f"must be a mapping: {form}")
-    faults = _key_faults(raw, tuple(readers), required, form)
-    given = [key for key in exactly if key in raw]
+    faults, values, meant = Faults(), dict[str, Any](), set[str | None]()
+    for key in [str(key) for key in raw if key not in readers][:MAX_FAULTS]:
+        meant.add(nearest(key, readers))
+        faults.append(Fault(f"unknown key{did_you_mean(key, readers) or f'; {form}'}", (key,), show_value=False))
+    missing, given = [key for key in required if key not in {*raw, *meant}], [key for key in exactly if key in raw]
+    if missing:
+        words = " and ".join(f"'{key}'" for key in missing) + (" is" if len(missing) == 1 else " are")
+        faults.append(Fault(f"{words} missing: {form}", show_value=False))
     faults += (Fault(f"give only one of {', '.join(exactly)}", (key,), show_value=False) for key in given[1:])
     if exactly and not given and not faults:
-        words = " or ".join(f"'{key}'" for key in exactly)
-        faults.append(Fault(f"{words} is missing: {form}", show_value=False))
-    values: dict[str, Any] = {}
+        faults.append(Fault(f"{one_of(exactly)} is missing: {form}", show_value=False))
     for key in (key for key in readers if key in raw):
         with faults.under(key):
             values[key] = readers[key](raw[key])
     faults.check()
     return values
-
-
-def _key_faults(raw: Mapping[str, Any], known: Sequence[str], required: Sequence[str], form: str) -> Faults:
-    unknown = [str(key) for key in raw if key not in known][:MAX_FAULTS]
-    faults = Faults(
-        Fault(f"unknown key{did_you_mean(key, known) or f'; {form}'}", (key,), show_value=False) for key in unknown
-    )
-    meant = [nearest(key, known) for key in unknown]
-    if missing := [f"'{key}'" for key in required if key not in raw and key not in meant]:
-        verb = "is" if len(missing) == 1 else "are"
-        faults.append(Fault(f"{' and '.join(missing)} {verb} missing: {form}", show_value=False))
-    return faults
-
-
-def read_whole(raw: Any, least: int, most: int) -> int:
-    """Read a whole number. Raises Invalid."""
-    if isinstance(raw, bool) or not isinstance(raw, int | float) or raw % 1 != 0:
-        raise Invalid("must be a whole number")
-    if not least <= raw <= most:
-        raise Invalid(f"must be between {least} and {most}")
-    return int(raw)
 
 
 def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int | None = None) -> Swept:
@@ -541,7 +517,6 @@ def read_drawn(
 
 
 def _cut(drawn: Drawn, checked: ReadNumber, low: float, high: float) -> Drawn:
-    """Return a normal distribution truncated at the bounds of a key."""
     limits = []
     for bound, end, inner in zip((low, high), drawn.ends(), (math.inf, -math.inf), strict=True):
         limit = max(bound, end) if inner > 0 else min(bound, end)
@@ -567,7 +542,7 @@ def read_shape(
             raise Invalid("must be a single number; distributions cannot be swept")
         if name in ("least", "most likely", "largest") or (fixed and name == "mean"):
             return checked(entry)
-        value = _plain_number(entry) if "logarithm" in name else number(entry)
+        value = Quantity("", "1").read(entry) if "logarithm" in name else number(entry)
         if "deviation" in name and (value < 0 if fixed else value <= 0):
             remedy = "greater than 0; write a number instead of a distribution if it does not vary"
             raise Invalid(f"the {name} must {'not be negative' if fixed else f'be {remedy}'}")
@@ -587,7 +562,7 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
             raise Invalid("must be a list of at least one")
         return tuple(each(entries, entry))
 
-    readers = {"values": partial(listed, read), "weights": partial(listed, partial(_plain_number, least=0.0))}
+    readers = {"values": partial(listed, read), "weights": partial(listed, Quantity("", "1", ge=0, sweep=False).read)}
     found = read_mapping(raw, readers, ("values",), "it is {values: [...], weights: [...]}")
     values = found["values"]
     weights = found.get("weights", (1 / len(values),) * len(values))
@@ -600,17 +575,9 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
     return Drawn(DISCRETE, values, weights)
 
 
-def _plain_number(raw: Any, least: float = -math.inf) -> float:
-    if isinstance(raw, bool) or not isinstance(raw, int | float) or not math.isfinite(raw):
-        raise Invalid("must be a number without a unit")
-    if raw < least:
-        raise Invalid("must not be negative")
-    return float(raw)
-
-
 _DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
 # Factors that convert units to the first unit of their kind. They are decimal, so that "38 ft" is exactly 11.5824 m.
-_FACTORS: dict[str, dict[str, Decimal | int | str]] = {
+_KINDS: dict[str, dict[str, Any]] = {
     "a length": {"m": 1, "mm": "0.001", "cm": "0.01", "km": 1000, "in": "0.0254", "ft": "0.3048"},
     "an angle": {
         **{"deg": 1, "rad": _DEG_PER_RAD, "mrad": _DEG_PER_RAD / 1000, "urad": _DEG_PER_RAD / 1_000_000},
@@ -629,7 +596,6 @@ _FACTORS: dict[str, dict[str, Decimal | int | str]] = {
     "a vapour density": {"g/m3": 1, "kg/m3": 1000},
     "a plain number": {"1": 1, "%": "0.01"},
 }
-_KINDS = {kind: {unit: Decimal(factor) for unit, factor in units.items()} for kind, units in _FACTORS.items()}
 _KIND_OF = {unit: kind for kind, units in _KINDS.items() for unit in units}
 
 
@@ -647,10 +613,7 @@ def parse(text: str, unit: str) -> float:
         raise Invalid(f"unknown unit '{given[:20]}'; use {one_of(_KINDS[kind])}")
     if _KIND_OF[given] != kind:
         raise Invalid(f"must be {expected(unit)}; '{given}' is the unit of {_KIND_OF[given]}")
-    if number in (float("inf"), float("-inf")):
-        return number
-    factors = _KINDS[kind]
-    return float(Decimal(repr(number)) * factors[given] / factors[unit])
+    return float(Decimal(repr(number)) * Decimal(_KINDS[kind][given]) / Decimal(_KINDS[kind][unit]))
 
 
 def _hint(text: str, unit: str) -> str:
@@ -685,8 +648,7 @@ def factor(given: str, wanted: str) -> float:
     """Return the factor from one unit to another. Raises ValueError."""
     if given not in _KIND_OF or _KIND_OF[given] != _KIND_OF.get(wanted):
         raise ValueError(f"'{given}' cannot be converted to '{wanted}'")
-    factors = _KINDS[_KIND_OF[given]]
-    return float(factors[given] / factors[wanted])
+    return float(Decimal(_KINDS[_KIND_OF[given]][given]) / Decimal(_KINDS[_KIND_OF[given]][wanted]))
 
 
 #: Maximum seed. Larger integers are not exact as floats, so different seeds could be equal.
@@ -912,12 +874,25 @@ class Quantity(Parameter):
 
     def _checked(self, raw: Any) -> float:
         value = self._number(raw)
-        self._check(value)
+        above = (self.ge is None or value >= self.ge) and (self.gt is None or value > self.gt)
+        below = (self.le is None or value <= self.le) and (self.lt is None or value < self.lt)
+        if not (above and below):
+            raise Invalid(f"must be {self.bounds()}")
+        if self.integer and not value.is_integer():
+            raise Invalid("must be a whole number")
         return value
 
     def _swept(self, raw: Any) -> Sweep:
+        """Read a sweep, and check all values of a list, or the first and last value of a (monotonic) range."""
         sweep = raw if isinstance(raw, Sweep) else read_sweep(raw, self._number, self.repeats)
-        self._check_sweep(sweep)
+        faults, inner = Faults(), ("logspace",) if "logspace" in (sweep.form or ()) else ()
+        places: Iterable[Any] = range(len(sweep)) if sweep.form is None else ("start", "stop")
+        for place, value in zip(places, sweep.ends(), strict=True):
+            with faults.under(*inner, place):
+                self._checked(value)
+        if not faults and self.integer and sweep.form is not None and (sweep.values() % 1).any():
+            faults.append(Fault("the values of the range must be whole numbers", show_value=False))
+        faults.check()
         return sweep
 
     def _drawn(self, raw: Any) -> Drawn:
@@ -947,32 +922,11 @@ class Quantity(Parameter):
         if isinstance(raw, str):
             raw = parse(raw, self.unit)
         elif isinstance(raw, bool) or not isinstance(raw, int | float):
-            raise Invalid(f"must be {expected(self.unit)}")
+            is_count = self.integer and self.unit == "1"
+            raise Invalid("must be a whole number" if is_count else f"must be {expected(self.unit)}")
         if not abs(raw) < 1e300:  # differences of larger numbers could overflow
             raise Invalid("must be a finite number")
         return float(raw) + 0.0  # avoids negative zero
-
-    def _check(self, value: float) -> None:
-        above = (self.ge is None or value >= self.ge) and (self.gt is None or value > self.gt)
-        below = (self.le is None or value <= self.le) and (self.lt is None or value < self.lt)
-        if not (above and below):
-            raise Invalid(f"must be {self.bounds()}")
-        if self.integer and not value.is_integer():
-            raise Invalid("must be a whole number")
-
-    def _check_sweep(self, sweep: Sweep) -> None:
-        """Check all values of a list, or the first and last value of a (monotonic) range."""
-        places: Iterable[Path] = ((position,) for position in range(len(sweep)))
-        if sweep.form is not None:
-            inner = ("logspace",) if "logspace" in sweep.form else ()
-            places = ((*inner, "start"), (*inner, "stop"))
-        faults = Faults()
-        for place, value in zip(places, sweep.ends(), strict=True):
-            with faults.under(*place):
-                self._check(value)
-        if not faults and self.integer and sweep.form is not None and (sweep.values() % 1).any():
-            faults.append(Fault("the values of the range must be whole numbers", show_value=False))
-        faults.check()
 
 
 @dataclass(frozen=True)
@@ -1082,7 +1036,6 @@ class ListOfNumbers(Numbers):
 
 MAX_SAMPLES = 10**9
 _SHAPES = (NORMAL, UNIFORM)
-_FORM = "a distribution is {normal: [mean, standard deviation]} or {uniform: [least, largest]}"
 
 
 @dataclass(frozen=True)
@@ -1154,8 +1107,9 @@ class Uncertain(Quantity):
             return parts
 
         readers: dict[str, Any] = {kind: partial(shape, kind) for kind in _SHAPES}
-        readers["samples"] = partial(read_whole, least=1, most=MAX_SAMPLES)
-        readers["seed"] = partial(read_whole, least=0, most=MAX_SEED)
-        values = read_mapping(raw, readers, (), _FORM, exactly=_SHAPES)
+        for key, least, most in (("samples", 1, MAX_SAMPLES), ("seed", 0, MAX_SEED)):
+            readers[key] = Quantity("", "1", ge=least, le=most, integer=True, sweep=False).read
+        form = "a distribution is {normal: [mean, standard deviation]} or {uniform: [least, largest]}"
+        values = read_mapping(raw, readers, (), form, exactly=_SHAPES)
         kind = next(kind for kind in _SHAPES if kind in values)
         return Distribution(kind, values[kind], values.get("samples"), values.get("seed"))

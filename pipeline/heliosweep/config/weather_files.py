@@ -176,7 +176,6 @@ def parse_weather(path: Path) -> Sheet:
 
 
 def _read_json(sheet: Sheet, text: str) -> None:
-    """Read the JSON of PVGIS and of NASA POWER."""
     try:
         data = json.loads(text)
         if "outputs" in data:

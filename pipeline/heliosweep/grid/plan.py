@@ -323,8 +323,8 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
         Result folder. Free disk space is measured at the nearest existing parent folder.
     """
     available = min([psutil.virtual_memory().available, *_group_memory()])
-    disk = _free_disk(Path(folder).absolute())
-    return Limits(workers or processors(), memory or int(0.8 * max(0, available)), disk)
+    memory = memory or int(0.8 * max(0, available))
+    return Limits(workers or processors(), memory, _free_disk(Path(folder).absolute()))
 
 
 def _group_memory() -> Iterator[int]:
@@ -341,7 +341,6 @@ def _group_memory() -> Iterator[int]:
 
 
 def _free_disk(folder: Path) -> int:
-    """Return the free disk space at the nearest accessible parent folder. [bytes]"""
     for place in (folder, *folder.parents):
         with suppress(OSError, ValueError):
             return shutil.disk_usage(place).free
@@ -354,10 +353,6 @@ def human_seconds(seconds: float) -> str:
         return f"{seconds:.1f} s"
     minutes = round(seconds / 60)
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
-
-
-#: Maximum time of the trial process, including imports. [s]
-TIMEOUT = 10.0
 
 
 def trial_seconds(work: Work, plan: Plan) -> float | None:
@@ -379,7 +374,7 @@ def trial_seconds(work: Work, plan: Plan) -> float | None:
     try:
         sent = pickle.dumps((work, plan.cuts))
         command = [sys.executable, "-c", f"from {__name__} import _measure; _measure()"]
-        answer = subprocess.run(command, input=sent, capture_output=True, timeout=TIMEOUT, check=True)
+        answer = subprocess.run(command, input=sent, capture_output=True, timeout=10, check=True)
         return float(answer.stdout) / plan.workers
     except (OSError, ValueError, TypeError, AttributeError, pickle.PicklingError, subprocess.SubprocessError):
         return None
@@ -406,10 +401,8 @@ def _measure() -> None:
     print(total)
 
 
+#: Chunks with the values of their variables.
 Chunks: TypeAlias = Iterable[tuple[Piece, Mapping[str, np.ndarray]]]
-
-
-"""Chunks with the values of their variables."""
 
 
 class Work:

@@ -246,8 +246,9 @@ def sun_attributes(
     if isinstance(time, SolarTime):
         declination = "Cooper (1969) by day of the year" if time.declination is None else "as given"
         return {"sun_position": f"solar clock, declination {declination}", "time_sampling": time.sampling}
-    middles = "middle of each interval of the weather file; at sunrise and sunset of its part with the sun above the "
-    middles += "horizon"
+    middles = (
+        "middle of each interval of the weather file; at sunrise and sunset of its part with the sun above the horizon"
+    )
     difference = "by year and month (pvlib)" if delta_t is None else f"{delta_t:g} s"
     return {
         "sun_position": (
@@ -294,12 +295,11 @@ def lit_middles(
     half = (hours * 1.8e12).astype("timedelta64[ns]")
     starts, ends = utc - half, utc + half
 
-    def up(times: NDArray[np.datetime64]) -> NDArray[np.bool_]:
-        lit: NDArray[np.bool_] = sun_vectors(times, latitude, longitude, altitude)[:, 2] > 0
-        return lit
+    def up(times: NDArray[np.datetime64]) -> Any:
+        return sun_vectors(times, latitude, longitude, altitude)[:, 2] > 0
 
-    before, after = up(starts), up(ends)
-    edge = np.flatnonzero(before != after)
+    before = up(starts)
+    edge = np.flatnonzero(before != up(ends))
     lit, dark = (np.where(before[edge] == side, starts[edge], ends[edge]) for side in (True, False))
     bright = lit
     for _ in range(22):
@@ -356,13 +356,12 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
     """
     time: SolarTime | CivilTime = study.time  # type: ignore[attr-defined]
     places = [(site, latitude) for site in places_of(study) for latitude in _values(site.latitude)]
-    each = instant_count(time) if isinstance(time, CivilTime) else len(time.declination or time.days or ())
-    # Each place takes at least as long as 200 sun positions. A million places would take a minute.
-    suns = sum(_values(site.longitude).size for site, _ in places) * max(each, 200)
-    if not places or suns > MAX_SUNS:
+    margin, key, where, each = 0.0, "hours", "latitudes, days and hours", 365
+    if isinstance(time, CivilTime):
+        margin, key, where = np.sin(np.radians(MARGIN)), "window", "sites on these dates in this window"
+        each = max(instant_count(time), 200)  # each place takes at least as long as 200 sun positions
+    if not places or sum(_values(site.longitude).size for site, _ in places) * each > MAX_SUNS:
         return
-    civil = (np.sin(np.radians(MARGIN)), "window", "sites on these dates in this window")
-    margin, key, where = civil if isinstance(time, CivilTime) else (0.0, "hours", "latitudes, days and hours")
     heights = [_heights(time, site, latitude, _values(site.longitude)).max() for site, latitude in places]
     dark = [latitude for (_, latitude), height in zip(places, heights, strict=True) if height <= -margin]
     if len(dark) == len(places):

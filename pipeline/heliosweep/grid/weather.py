@@ -24,8 +24,6 @@ CAUSES = ("dni", "sun_elevation", "wind_speed")
 #: Study keys of the limits.
 LIMITS = tuple(f"limits.{cause}" for cause in CAUSES)
 
-#: Keys of a clear sky, in the order of the arguments of `clear_sky`.
-CLEAR_SKY = tuple(f"weather.clear_sky.{key}" for key in ("model", *KEYS_OF))
 #: Number of days in a year before each month.
 _MONTHS = np.array([0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334])
 
@@ -66,7 +64,7 @@ class Weathers:
         files = weather_files(parameters.study)
         each: Sequence[Any] = files or Parameters(parameters.study).timezones()
         self._each = each[parameters.part(dim)] if len(each) > 1 else each
-        self._sky = [parameters.values(key) for key in CLEAR_SKY]
+        self._sky = [parameters.values(f"weather.clear_sky.{key}") for key in ("model", *KEYS_OF)]
         self._factor = parameters.values("weather.dni_factor")
         self._last: tuple[object, Any] = (None, None)
 
@@ -76,12 +74,13 @@ class Weathers:
         sky = tuple(None if column is None else column[index] for column in self._sky)
         key = (row, tuple(place), sky)
         if self._last[0] != key:
-            source = self.source(index)
-            made = (
-                self._clear(source, row, place, sky)
-                if isinstance(source, str)
-                else (source.dni, np.full(len(source), source.hours), source.month, source.wind)
-            )
+            source, here = self.source(index), self._instants.at_sites(row)
+            if isinstance(source, str):
+                hours, month = civil_intervals(self._study.time, source)
+                dni = clear_sky(here.labels["utc"].values, sun_at(here, place), place, *sky)
+                made = dni, hours, month, np.empty(0)
+            else:
+                made = source.dni, np.full(len(source), source.hours), source.month, source.wind
             padded = (np.pad(one, (0, self._instants.size - one.size), constant_values=gap)
                       for one, gap in zip(made, (0.0, 0.0, 1, np.nan), strict=True))  # fmt: skip
             self._last = key, Irradiance(*(one[self._span] for one in padded))
@@ -90,14 +89,7 @@ class Weathers:
 
     def source(self, index: tuple[int, ...]) -> WeatherFile | str:
         """Return the weather file at a point, or the time zone of a clear sky."""
-        found: WeatherFile | str = self._each[0 if len(self._each) == 1 or self._axis is None else index[self._axis]]
-        return found
-
-    def _clear(self, zone: str, row: int, place: Sequence[float | None], sky: tuple[Any, ...]) -> Irradiance:
-        here = self._instants.at_sites(row)
-        hours, month = civil_intervals(self._study.time, zone)
-        dni = clear_sky(here.labels["utc"].values, sun_at(here, place), place, *sky)
-        return Irradiance(dni, hours, month, np.empty(0))
+        return self._each[0 if len(self._each) == 1 or self._axis is None else index[self._axis]]
 
 
 def clear_sky(
@@ -140,7 +132,12 @@ def clear_sky(
     elevation, extra = np.degrees(np.arcsin(sine)), pvlib.irradiance.get_extra_radiation(day)
     relative = atmosphere.get_relative_airmass(90.0 - elevation)
     if model == "ineichen":
-        turbidity = _turbidity(day, latitude, longitude) if linke_turbidity is None else linke_turbidity
+        turbidity: Any = linke_turbidity
+        if turbidity is None:  # pvlib's monthly table, interpolated to days of the year
+            dates = pd.DatetimeIndex([f"2021-{month:02}-15" for month in range(1, 13)])
+            monthly = clearsky.lookup_linke_turbidity(dates, latitude, longitude, interp_turbidity=False)
+            middles = _MONTHS + np.diff([*_MONTHS, 365]) / 2
+            turbidity = np.interp(day, middles, monthly.to_numpy(float), period=365.0)
         absolute = atmosphere.get_absolute_airmass(relative, pressure)
         found = clearsky.ineichen(90.0 - elevation, absolute, turbidity, altitude, extra)["dni"]
     elif model == "simplified_solis":
@@ -158,14 +155,6 @@ def clear_sky(
         found = a * np.exp(-b / sine)
     dni[up] = np.nan_to_num(np.asarray(found))
     return dni
-
-
-def _turbidity(day: Floats, latitude: float, longitude: float) -> Floats:
-    """Return pvlib's Linke turbidity at a site, interpolated from monthly values to days of the year. [1]"""
-    dates = pd.DatetimeIndex([f"2021-{month:02}-15" for month in range(1, 13)])
-    of_month = pvlib.clearsky.lookup_linke_turbidity(dates, latitude, longitude, interp_turbidity=False).to_numpy(float)
-    lengths = np.diff([*_MONTHS, 365])
-    return np.interp(day, _MONTHS + lengths / 2, of_month, period=365.0)
 
 
 def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) -> tuple[NDArray[np.bool_], Integers]:
@@ -328,7 +317,6 @@ def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64
 
 
 def _elsewhere(study: Any, file: WeatherFile, latitude: float, longitude: float) -> Iterator[Problem]:
-    """Yield a problem if a file's weather station is far from the site."""
     (lat, lon), (north, east) = np.radians([[file.latitude, file.longitude], [latitude, longitude]])
     half = np.sin((north - lat) / 2) ** 2 + np.cos(lat) * np.cos(north) * np.sin((east - lon) / 2) ** 2
     distance = 2 * 6371.0 * np.arcsin(np.sqrt(min(half, 1.0)))

@@ -10,9 +10,8 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 from warnings import catch_warnings
 
 import numpy as np
@@ -30,6 +29,7 @@ AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
 
 #: Maximum number of heights in a grid.
 MAX_CELLS = 25_000_000
+TOO_MANY = "has {:,} heights, " + f"and {MAX_CELLS:,} are possible: crop it to the field, or use a coarser grid"
 
 #: Position east and north of an origin. [m]
 Place = tuple[float, float]
@@ -37,9 +37,6 @@ Place = tuple[float, float]
 AT_TOWER: Place = (0.0, 0.0)
 
 _UNITS = ("m", "metre", "metres", "meter", "meters")
-#: Grid positions along x and y, and heights over (y, x). [m]
-_Grid: TypeAlias = tuple[Floats, Floats, Floats]
-_Need: TypeAlias = Callable[[Any, str], None]
 
 
 @dataclass(frozen=True)
@@ -67,15 +64,14 @@ class Region:
         azimuth = np.degrees(np.arctan2(x, y)) if self.sectors else x
         for middle, width in self.sectors:
             inside |= np.abs((azimuth - middle + 180) % 360 - 180) <= width / 2 + 1e-9  # tolerance for rounding
-        areas = [area for area in (self.boundary, self.exclude) if area is not None]
-        if areas:
-            if self.boundary is not None:
-                inside &= shapely.contains_xy(self.boundary, x, y)
-            if self.exclude is not None:
-                inside &= ~shapely.intersects_xy(self.exclude, x, y)
-            for area in areas if self.margin else ():
-                left = np.flatnonzero(inside)
-                inside[left] = ~shapely.dwithin(_edge(area), shapely.points(x[left], y[left]), self.margin)
+        if self.boundary is not None:
+            inside &= shapely.contains_xy(self.boundary, x, y)
+        if self.exclude is not None:
+            inside &= ~shapely.intersects_xy(self.exclude, x, y)
+        for area in filter(None, (self.boundary, self.exclude) if self.margin else ()):
+            left = np.flatnonzero(inside)
+            shapely.prepare(edge := area.boundary)
+            inside[left] = ~shapely.dwithin(edge, shapely.points(x[left], y[left]), self.margin)
         return inside
 
     @property
@@ -101,16 +97,7 @@ class Region:
         return StudyError(Problem(f"leaves no space for a heliostat{hint}", self.key))
 
 
-@lru_cache(maxsize=8)
-def _edge(area: Any) -> Any:
-    """Return the edge of polygons, prepared for fast queries."""
-    edge = area.boundary
-    shapely.prepare(edge)
-    return edge
-
-
-def _checker(path: Path, key: str) -> _Need:
-    """Return a function that raises a StudyError for `key` if a requirement on a file is not met."""
+def _checker(path: Path, key: str) -> Callable[[Any, str], None]:
 
     def need(good: Any, message: str) -> None:
         if not good:
@@ -196,8 +183,7 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
     )
 
 
-def _netcdf(path: Path, need: _Need) -> _Grid:
-    """Read the grid in a NetCDF file."""
+def _netcdf(path: Path, need: Callable[[Any, str], None]) -> tuple[Floats, Floats, Floats]:
     from heliosweep.files import LIBRARY_LOCK
 
     with LIBRARY_LOCK, xr.open_dataset(path, engine="netcdf4", decode_times=False, lock=LIBRARY_LOCK) as data:
@@ -208,27 +194,21 @@ def _netcdf(path: Path, need: _Need) -> _Grid:
             f"must contain one variable over x and y, both with coordinates in m (got {found or 'none'})",
         )
         grid = data[grids[0]].transpose("y", "x")
-        _check_size(grid.size, need)
+        need(grid.size <= MAX_CELLS, TOO_MANY.format(grid.size))
         for name in ("x", "y", *grids):
             unit = str(data[name].attrs.get("units", "m"))
             need(unit in _UNITS, f"must have {name} in m (got {unit})")
         return grid.x.to_numpy().astype(float), grid.y.to_numpy().astype(float), grid.to_numpy().astype(float)
 
 
-def _check_size(cells: int, need: _Need) -> None:
-    limit = f"and {MAX_CELLS:,} are possible: crop it to the field, or use a coarser grid"
-    need(cells <= MAX_CELLS, f"has {cells:,} heights, {limit}")
-
-
-def _geotiff(path: Path, need: _Need) -> _Grid:
-    """Read the grid in a GeoTIFF file; missing heights are NaN."""
+def _geotiff(path: Path, need: Callable[[Any, str], None]) -> tuple[Floats, Floats, Floats]:
     try:
         import rasterio
     except ImportError:
         need(False, "is a GeoTIFF, which needs the package rasterio: pip install 'heliosweep[terrain]'")
     with catch_warnings(action="ignore"), rasterio.open(path) as grid:
         cell, crs = grid.transform, grid.crs
-        _check_size(grid.width * grid.height, need)
+        need(grid.width * grid.height <= MAX_CELLS, TOO_MANY.format(grid.width * grid.height))
         placed = grid.count == 1 and not cell.is_identity and cell.is_rectilinear
         need(placed, "must be one band of heights with map coordinates and north up, as written by gdalwarp")
         need(

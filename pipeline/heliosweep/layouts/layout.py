@@ -303,20 +303,15 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     problems = _listed(layout, repeated, (f"has the position of {layout.where(original[row])}" for row in repeated))
     sides = np.sort(np.broadcast_to(np.stack(np.broadcast_arrays(width, height)).T, (len(layout), 2)), axis=1)
     diagonal, (x, y, z) = np.hypot(*sides.T), points[distinct].T
-    tight = [(int(distinct[low]), int(distinct[high]), apart)
+    tight = [(*distinct[[low, high]].tolist(), apart, sides[distinct[[low, high]], 0].mean())
              for low, high, apart in too_close(x, y, z, diagonal[distinct])]  # fmt: skip
-    least = [sides[[low, high], 0].mean() for low, high, _ in tight]
-    colliding = [pair for pair, side in zip(tight, least, strict=True) if pair[2] < side]
-    touching = [pair for pair, side in zip(tight, least, strict=True) if pair[2] >= side]
-    problems += _listed(
-        layout,
-        [high for _, high, _ in colliding],
-        (
-            f"is {apart:.6g} m from {layout.where(low)}, less than the shorter side of the mirrors, "
-            f"{sides[[low, high], 0].mean():.6g} m: they collide"
-            for low, high, apart in colliding
-        ),
-    )
+    colliding = [
+        (high, f"{apart:.6g} m from {layout.where(low)}, less than the shorter side of the mirrors, {side:.6g} m")
+        for low, high, apart, side in tight
+        if apart < side
+    ]
+    problems += _listed(layout, [row for row, _ in colliding], (f"is {text}: they collide" for _, text in colliding))
+    touching = [(low, high, apart) for low, high, apart, side in tight if apart >= side]
     if not touching:
         return problems, []
     low, high, apart = touching[0]
@@ -328,10 +323,8 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
         f"{diagonal[[low, high]].mean():.6g} m"
     )
     longer = sides[[low, high], 1].mean()
-    message += f" and a longer side of {longer:.6g} m: if these sides are in line, the mirrors always overlap" * bool(
-        apart < longer
-    )
-    return problems, [Problem(message, file=layout.name)]
+    overlap = f" and a longer side of {longer:.6g} m: if these sides are in line, the mirrors always overlap"
+    return problems, [Problem(message + overlap * bool(apart < longer), file=layout.name)]
 
 
 def _listed(layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: Iterable[str]) -> list[Problem]:
@@ -412,11 +405,10 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
             return read_text(text.replace("#", "", 1), name, reserved)
         lines, texts = _with_header(lines, texts, separator)
     lines, texts = lines[header:], texts[header:]
-    units = [cell.strip(" ()[]") for cell in texts[1].split(separator)] if len(texts) > 1 else []
-    if any(map(is_unit, units)) and "1" not in units and all(unit in ("", "-") or is_unit(unit) for unit in units):
-        del lines[1], texts[1]
-    else:
+    units = [cell.strip(" ()[]") for cell in "".join(texts[1:2]).split(separator)]
+    if not any(map(is_unit, units)) or "1" in units or not all(unit in ("", "-") or is_unit(unit) for unit in units):
         units = []
+    del lines[1 : 1 + bool(units)], texts[1 : 1 + bool(units)]
     needs = "a header with the columns x and y, and one row for each heliostat"
     table = Table(name, (lines, texts), rows="heliostats", most_rows=MAX_HELIOSTATS, needs=needs, separator=separator)
     return _layout_of(table, units, reserved)
@@ -462,8 +454,8 @@ def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) ->
         del columns["template"]
     x, y, z = columns.pop("x"), columns.pop("y"), columns.pop("z", np.zeros(len(table)))
     identity = ("id", "name", "template", "ring", "azimuth", "turn", "row", "canting_distance", "target")
-    unused = tuple(key for key in columns if key not in (*PROPERTIES, *identity))
-    return Layout(x, y, z, columns, table.name, table.lines, labels=unused)
+    unused = columns.keys() - {*PROPERTIES, *identity}
+    return Layout(x, y, z, columns, table.name, table.lines, labels=tuple(filter(unused.__contains__, columns)))
 
 
 def _keys_of(header: Sequence[str], titles: Sequence[str], reserved: Collection[str]) -> list[str]:
@@ -511,7 +503,6 @@ def _typed(texts: list[str]) -> NDArray | None:
 
 
 def _is_header(line: str) -> bool:
-    """Return True if the line contains titles of the columns x and y."""
     names = (split_title(title.strip())[0] for title in line.split(separator_of(line)))
     return {"x", "y"} <= {_TITLES.get(_letters(name)) for name in names}
 
@@ -554,5 +545,4 @@ def write_solarpilot(layout: Layout, path: str | Path) -> None:
 
 
 def _cells(values: NDArray, gap: str) -> list[Any]:
-    """Return the cells of a column, with the text `gap` for NaN."""
     return [gap if isinstance(value, float) and np.isnan(value) else value for value in values.tolist()]

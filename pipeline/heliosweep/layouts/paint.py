@@ -48,8 +48,8 @@ EVALUATIONS = ("UTIS", "HeliOS")
 
 #: Tolerance for facet centres and sizes in a regular grid. [m]
 _OFF_GRID = 5e-3
-#: Number of decimals of lengths in fields (1 micrometre) and of numbers in spot tables.
-_DIGITS, _SPOT_DIGITS = 6, 9
+#: Number of decimals of lengths in fields: 1 micrometre.
+_DIGITS = 6
 _PROPERTIES, _SPOTS, _TOWER = "heliostat-properties.json", "calibration-properties", "*tower-measurements.json"
 _SOURCE = (
     "Source: PAINT, doi 10.1038/s41560-026-02070-1; MIT licence, copyright 2024 Deutsches Zentrum für Luft- und",
@@ -215,16 +215,13 @@ class Actuator(_ACTUATOR):
         return 2.0 / math.degrees(self.joint_angle(counts + 1.0) - self.joint_angle(counts - 1.0))
 
 
-def _type(raw: Any) -> str:
-    return "linear" if isinstance(raw, dict) and raw.get("type_axis") == "linear" else "other"
-
-
-_ACTUATORS: Any = Annotated[Annotated[Actuator, Tag("linear")] | Annotated[_Record, Tag("other")], Discriminator(_type)]
-_JOINTS = _record(kinematics_properties=_record(actuators=tuple[_ACTUATORS, ...]))
+_ACTUATORS: Any = Annotated[
+    Annotated[Actuator, Tag("linear")] | Annotated[_Record, Tag("other")],
+    Discriminator(lambda raw: "linear" if isinstance(raw, dict) and raw.get("type_axis") == "linear" else "other"),
+]
 
 
 def _read_record(path: Path, kind: Any) -> Any:
-    """Read a JSON file. Raises a StudyError that lists every problem with its line."""
     source = read(path)  # JSON is a subset of YAML
     try:
         return kind.model_validate(source.data)
@@ -245,7 +242,6 @@ def _files(folder: Path, pattern: str) -> list[Path]:
 
 
 def _heliostat_files(folder: Path) -> dict[str, Path]:
-    """Return the properties file of each heliostat, ordered by heliostat name. Raises StudyError."""
     files, problems = dict[str, Path](), []
     for path in _files(folder, f"*{_PROPERTIES}"):
         name = path.name.removesuffix(_PROPERTIES).rstrip("-_") or path.parent.name
@@ -261,7 +257,6 @@ def _heliostat_files(folder: Path) -> dict[str, Path]:
 
 
 def _each(paths: Iterable[Path], read_file: Any) -> list[Any]:
-    """Read files. Raises a StudyError that lists the problems in all files."""
     records, problems = [], list[Problem]()
     for path in paths:
         try:
@@ -470,8 +465,12 @@ def read_paint_spots(
     folder = user_path(folder)
     plant, files = read_paint(folder, target), _heliostat_files(folder)
     origin, _, middle, _ = _read_tower(folder, target)
-    owners = {path: _owner(path, list(files)) for path in _files(folder.absolute(), f"*{_SPOTS}*.json")}
-    joints = _each(files.values(), lambda path: _read_record(path, _JOINTS).kinematics_properties.actuators)
+    owners, only = dict[Path, str](), [*files][: len(files) == 1]
+    for path in _files(folder.absolute(), f"*{_SPOTS}*.json"):
+        names = (path.name.partition(f"-{_SPOTS}")[0], path.parent.name, path.parent.parent.name, *only)
+        owners[path] = next((name for name in names if name in files), "")
+    joint = _record(kinematics_properties=_record(actuators=tuple[_ACTUATORS, ...]))
+    joints = _each(files.values(), lambda path: _read_record(path, joint).kinematics_properties.actuators)
     pivots = np.stack([plant.layout.x, plant.layout.y, plant.layout.z], axis=1)
     every = zip(files, zip(joints, pivots, plant.offsets, strict=True), strict=True)
     mirrors = {name: mirror for name, mirror in every if list(map(type, mirror[0])) == [Actuator, Actuator]}
@@ -509,18 +508,10 @@ def read_paint_spots(
 
 
 def _remedy(strays: Sequence[Path], others: Sequence[str], names: Iterable[str]) -> str:
-    """Return the end of the message for a folder without usable spots."""
     if strays:
         name, stray = next(iter(names)), strays[0].name
         return f" of a heliostat: rename {stray} to {name}-{stray}, or put it into a folder {name}"
     return f" of heliostats with linear actuators; {', '.join(others)} have others" * bool(others)
-
-
-def _owner(path: Path, names: list[str]) -> str:
-    """Return the name of the heliostat to which a spot file belongs; empty if unknown."""
-    only = names if len(names) == 1 else ()
-    owners = (path.name.partition(f"-{_SPOTS}")[0], path.parent.name, path.parent.parent.name, *only)
-    return next((name for name in owners if name in names), "")
 
 
 def _spot(
@@ -531,7 +522,6 @@ def _spot(
     receiver: dict[str, Any],
     origins: tuple[tuple[float, ...], Floats],
 ) -> dict[str, Any]:
-    """Read one measured spot of a heliostat as a row of the table. Raises StudyError."""
     (joints, pivot, offset), (origin, below) = mirrors[name], origins
     record = _read_record(path, _MEASUREMENT)
     sun = direction(180.0 - record.sun_azimuth, record.sun_elevation)
@@ -564,7 +554,7 @@ def _spot(
     }
     return {
         "heliostat": name,
-        **{key: round(float(value), _SPOT_DIGITS) for key, value in numbers.items()},
+        **{key: round(float(value), 9) for key, value in numbers.items()},
         "spot": label,
         "comment": f"{label} on {on} at {counts[0]:g} and {counts[1]:g} counts",
         "counts": counts,

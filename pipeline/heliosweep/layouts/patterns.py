@@ -35,8 +35,6 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.ground import Region
 from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 
-GOLDEN = (1 + math.sqrt(5)) / 2
-
 #: Maximum number of pattern positions that are examined.
 MOST_PLACES = 4 * MAX_HELIOSTATS
 
@@ -249,7 +247,6 @@ class _Ring(NamedTuple):
 
 
 def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | None) -> None:
-    """Raise a StudyError that lists every invalid ring parameter."""
     least, most = clearance / 2, clearance * MAX_HELIOSTATS / (2 * math.pi)
     radii = {f"zones.{index}.start": zone.start for index, zone in enumerate(zones or ())}
     problems = list[Problem]()
@@ -409,7 +406,7 @@ def spiral(
         count = 0.0 if radius < a else math.exp(min(math.log(radius / a) / b, 50.0))
         _check_count(count, "b")
         k = np.arange(1, int(count) + 1)
-        turn = k / GOLDEN**2
+        turn = k / ((1 + math.sqrt(5)) / 2) ** 2
         azimuth = 2 * math.pi * (turn - np.floor(turn))
         distance = a * k.astype(float) ** b
         return distance * np.sin(azimuth), distance * np.cos(azimuth), k, {"turn": k}

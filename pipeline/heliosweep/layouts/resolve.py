@@ -145,7 +145,6 @@ class Layouts:
         return {AREAS[key]: self._area(key, name).wkt for key, name in names.items() if isinstance(name, str)}
 
     def _area(self, key: str, name: str | None) -> Any:
-        """Read polygons relative to the tower; return None if no file is named. Raises StudyError."""
         return None if name is None else read_area(self._study.resolve(name), key, self.block.origin or AT_TOWER)
 
     def _moved(self, layout: Layout) -> Layout:
@@ -194,7 +193,13 @@ class Layouts:
             if layout.labels:
                 labels = ", ".join(layout.labels)
                 remarks.append(f"{layout.name}: results do not depend on the columns {labels}, which are labels")
-            remarks += self._idle_ground(layout)
+            if isinstance(name := self.block.exclude, str):
+                away = float(shapely.distance(self._area("exclude", name), shapely.points(layout.x, layout.y)).min())
+                if away > 1000.0:
+                    remarks.append(
+                        f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, has no effect; for "
+                        f"map coordinates set '{self._key}.origin: [east, north]' of the tower"
+                    )
             unused: dict[str, list[str]] = {}
             for name in (name for name in PROPERTIES if name in layout.columns):
                 given = values.get(PROPERTIES[name].key)
@@ -207,31 +212,21 @@ class Layouts:
             yield from (remark for remark in remarks if remark not in seen)
             seen.update(remarks)
 
-    def _idle_ground(self, layout: Layout) -> Iterator[str]:
-        if isinstance(name := self.block.exclude, str):
-            away = float(shapely.distance(self._area("exclude", name), shapely.points(layout.x, layout.y)).min())
-            if away > 1000.0:
-                yield (
-                    f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, has no effect; for "
-                    f"map coordinates set '{self._key}.origin: [east, north]' of the tower"
-                )
-
     def _spacing(self, rule: str, inner_radius: float, values: Mapping[str, Any]) -> Spacing:
-        """Return the spacing rule for the receiver and mirrors of a study. Raises StudyError."""
         given = {key: value for key, _, value in self._study.parameters()} | dict(values)
-        key, message = "spacing", ""
-        if missing := [key for key in SPACED_BY if given.get(key) is None]:
-            message = f"needs {' and '.join(missing)}, which this study does not give: remove it, or give them"
-            raise StudyError(Problem(message, "radial_stagger.spacing"))
-        receiver, pivot, width, height = (float(given[key]) for key in SPACED_BY)
+        missing = [key for key in SPACED_BY if given.get(key) is None]
+        receiver, pivot, width, height = (np.nan if missing else float(given[key]) for key in SPACED_BY)
         spacing = Spacing(rule, receiver - pivot, width, height)
-        if spacing.receiver <= height:
-            message = f"needs a receiver higher than {pivot + height:g} m, one mirror height above the mirrors' centres"
-        elif not spacing.reaches(inner_radius):
-            key = "inner_radius"
-            message = f"is so far out that '{rule}' defines no spacing: move the field closer, or raise the receiver"
-        if message:
-            raise StudyError(Problem(message, f"radial_stagger.{key}"))
+        for wrong, key, message in (
+            (missing, "spacing",
+             f"needs {' and '.join(missing)}, which this study does not give: remove it, or give them"),
+            (spacing.receiver <= height, "spacing",
+             f"needs a receiver higher than {pivot + height:g} m, one mirror height above the mirrors' centres"),
+            (not spacing.reaches(inner_radius), "inner_radius",
+             f"is so far out that '{rule}' defines no spacing: move the field closer, or raise the receiver"),
+        ):  # fmt: skip
+            if wrong:
+                raise StudyError(Problem(message, f"radial_stagger.{key}"))
         return spacing
 
     def _raised(self, layout: Layout, of: Callable[[str], Any]) -> Layout:

@@ -41,16 +41,12 @@ if TYPE_CHECKING:
     import numpy as np
     from distributed import Client
 
-    from heliosweep.store.writer import Template
-
     Values: TypeAlias = dict[str, np.ndarray]
 
 
 log = logging.getLogger("heliosweep")
 #: Maximum number of attempts to compute a chunk.
 TRIES = 2
-#: Maximum time to wait for the scheduler of a cluster. [s]
-PATIENCE = 10
 #: Hint that is added to messages about failed worker processes.
 _GUARD = 'a script that runs a study with processes must do this below `if __name__ == "__main__":`'
 
@@ -178,7 +174,7 @@ def connected(execution: Execution, workers: int) -> Iterator[Client]:
                 )
             if not address:
                 stack.callback(cluster.close, timeout=10)
-            client = Client(cluster, timeout=PATIENCE, set_as_default=False)
+            client = Client(cluster, timeout=10, set_as_default=False)
             stack.callback(client.close, timeout=2)
         except (ImportError, AttributeError, TypeError, ValueError) as error:
             raise StudyError(Problem(f"cannot start: {reason_of(error)}", "execution.cluster")) from None
@@ -193,7 +189,6 @@ def connected(execution: Execution, workers: int) -> Iterator[Client]:
 
 
 def _check_workers(client: Client, name: str) -> None:
-    """Raise a HeliosweepError if a worker has another version of the code that computes results."""
     own = sources.code_versions()
     for worker, answer in client.run(sources.code_versions, on_error="return").items():
         if isinstance(answer, OSError):
@@ -412,20 +407,15 @@ class Run:
 
         blocks = self.compute(progress)
         with self.timed("publish"):
-            path = writer.write_result(blocks, self.template(), self.study.output, self.folder)
+            variables, attributes = in_result(self.plan.variables), {**self._words, **self.coordinates.attrs}
+            sizes, cuts = self.plan.workload.sizes, self.plan.cuts
+            template = writer.Template(sizes, self.coordinates, variables, attributes, cuts)
+            path = writer.write_result(blocks, template, self.study.output, self.folder)
         with self.timed("record"):
             self._record(path)
             for place in self.folder.glob(f"{CHUNKS}*"):
                 ChunkStore(place).remove()
         return path
-
-    def template(self) -> Template:
-        """Return the template of the result file, which has no values."""
-        from heliosweep.store.writer import Template
-
-        plan, coordinates = self.plan, self.coordinates
-        attributes = {**self._words, **coordinates.attrs}
-        return Template(plan.workload.sizes, coordinates, in_result(plan.variables), attributes, plan.cuts)
 
     def compute(self, progress: bool) -> Iterator[tuple[Piece, Mapping[Any, Any]]]:
         """Compute the missing chunks, and return an iterator over the finished blocks."""
@@ -468,7 +458,6 @@ class Run:
             raise HeliosweepError("\n".join([head, *lines, *more]))
 
     def _read(self, work: Work, chunks: list[Piece], names: list[str]) -> Chunks:
-        """Yield the stored chunks. Damaged chunks are recomputed."""
         for chunk in chunks:
             values = self.store.load(chunk.name, names)
             if values is None:

@@ -65,7 +65,6 @@ class SearchRun(Run):
         return iter([(Piece(piece_name("points", 0), "points", region), arrays)])
 
     def _optimise(self, progress: bool) -> dict[str, np.ndarray]:
-        """Run the optimiser until its budget is spent, and return the arrays of the result."""
         from heliosweep.search import result
         from heliosweep.search.optimise import optimise
 

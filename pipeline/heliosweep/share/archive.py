@@ -184,7 +184,6 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
 
 
 def _text(template: str, words: Mapping[str, Any]) -> str:
-    """Return the text of README.md, LICENSE or requirements.txt from its template."""
     options: dict[str, Any] = {"undefined": StrictUndefined, "trim_blocks": True, "keep_trailing_newline": True}
     texts = Environment(loader=PackageLoader("heliosweep.share"), **options)
     cell = partial(re.sub, r"([|\\])", r"\\\1")
@@ -202,7 +201,8 @@ def _citation(words: Mapping[str, Any]) -> str:
     for one in words["creators"]:
         family, comma, given = one.name.partition(", ")
         names = {"family-names": family, "given-names": given} if comma else {"name": one.name}
-        address = {"affiliation": one.affiliation if comma else None, "email": one.email, "orcid": one.orcid_url}
+        orcid = one.orcid and f"https://orcid.org/{one.orcid}"
+        address = {"affiliation": one.affiliation if comma else None, "email": one.email, "orcid": orcid}
         authors.append(_without_empty({**names, **address}))
     software = {"type": "software", "title": "heliosweep", "version": words["software"],
                 "authors": [{"name": "The heliosweep developers"}]}  # fmt: skip

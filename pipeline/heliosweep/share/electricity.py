@@ -15,6 +15,7 @@ from heliosweep.config import YEAR, Study
 from heliosweep.config.weather_files import weather_files
 from heliosweep.economics import levelized_cost
 from heliosweep.errors import HeliosweepError, StudyError, load_extra
+from heliosweep.lazy import pvlib
 from heliosweep.share.fields import chosen, dimension_of, layout_of
 from heliosweep.share.sam import efficiency_table, flux_maps, tower_rows
 
@@ -48,8 +49,6 @@ _KEYS = {
 #: Variables for the tables and maps of SAM, and the keys of a study that they need.
 FIELD = ["field_total_efficiency", "flux_map", "field_mirror_area"]
 OUTPUT = {"output.flux_map": {"columns": 20, "rows": 1}, "output.field_geometry": True}
-#: Number of minutes of a year.
-_YEAR = 365 * 24 * 60
 
 
 def tower_electricity(
@@ -161,7 +160,6 @@ def tower_electricity(
 
 
 def _check(study: Study, values: Mapping[str, Any]) -> None:
-    """Check that SAM can model the plant of a study. Raises a StudyError that lists all problems."""
     files, kind, currency = len(weather_files(study)), values.get("receiver.kind"), values.get("economics.currency")
     horizon, losses = any(key.startswith("site.horizon.") for key in values), "receiver.thermal_losses.file"
     wrong = (
@@ -234,9 +232,10 @@ def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], p
     longitude = file.longitude if longitude is None else longitude
     zone, step = round(longitude / 15), round(60 * file.hours)
     local = pd.DatetimeIndex(file.utc) + pd.Timedelta(hours=zone)
-    is_leap_day = (local.month == 2) & (local.day == 29) & (len(file) * step > _YEAR)
+    year = 365 * 24 * 60  # [min]
+    is_leap_day = (local.month == 2) & (local.day == 29) & (len(file) * step > year)
     kept = np.flatnonzero(~is_leap_day)
-    if kept.size * step != _YEAR:
+    if kept.size * step != year:
         raise StudyError(study.problem("weather.file", f"must have all hours of a year (got {len(file):,} rows)"))
     minute = (60 * local.hour + local.minute).to_numpy()
     order = np.roll(kept, -np.argmin((1440 * (31 * local.month + local.day) + minute)[kept]))
@@ -247,7 +246,7 @@ def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], p
         **{key: getattr(time, key) for key in ("year", "month", "day", "hour", "minute")},
         "dn": (file.dni * (values.get("weather.dni_factor") or 1.0))[order], "gh": np.zeros(order.size),
         "df": np.zeros(order.size), "tdry": temperature[order], "tdew": temperature[order] - 10.0,
-        "wspd": np.nan_to_num(file.wind)[order], "pres": np.full(order.size, 1013.25 * np.exp(-altitude / 8434.0)),
+        "wspd": np.nan_to_num(file.wind)[order], "pres": np.full(order.size, pvlib.atmosphere.alt2pres(altitude) / 100),
     }  # fmt: skip
     data = {key: np.asarray(value, np.float64).tolist() for key, value in series.items()}
     return {**data, "lat": latitude, "lon": longitude, "tz": float(zone), "elev": altitude}, time

@@ -190,7 +190,6 @@ def _explained(family: str, key: Key) -> str:
 
 
 def _example(family: str, key: Key) -> str:
-    """Return the key with a value from the example or a shipped study; empty if no study contains it."""
     own = parse(families()[family].example(), Path(f"{family}.yaml"))
     others = [(name, source) for name, source in _read() if source.data.get("family") == family]
     for name, source in [(f"heliosweep new {family}", own), *others]:
@@ -208,25 +207,20 @@ def _example(family: str, key: Key) -> str:
 
 
 def _hint(wanted: str, chosen: list[str]) -> str:
-    """Return the hint for an unknown key: similar keys and variables, and the keys of its block."""
-    known = {_plain(key): key for name in chosen for key in _keys(name)}
-    results = {variable: attrs for name in chosen for variable, attrs in _variables(name).items()}
-    word = wanted.casefold()
-    alike = [name for name in known if word in name.rpartition(".")[2]]
-    if alike:
-        exact = [name for name in alike if name.endswith(f".{word}")]
-        return f"keys with this word are {few_of(dict.fromkeys([*exact, *alike]))}"
+    known = {_plain(key): key.meaning for name in chosen for key in _keys(name)}
+    word, block, keys = wanted.casefold(), wanted.rpartition(".")[0], list(known)
+    for name in chosen:
+        known |= {variable: attrs["long_name"] for variable, attrs in _variables(name).items()}
+    if alike := [name for name in keys if word in name.rpartition(".")[2]]:
+        return f"keys with this word are {few_of(sorted(alike, key=lambda name: not name.endswith(f'.{word}')))}"
     if remedy := SYNONYMS.get(word):
         return remedy
     words = word.replace("_", " ")
-    meant = [name for name, key in known.items() if words in key.meaning.casefold()]
-    meant += [name for name, attrs in results.items() if word in name or words in attrs["long_name"].casefold()]
-    if meant:
+    if meant := [name for name, meaning in known.items() if word in name or words in meaning.casefold()]:
         return f"descriptions with this word have {few_of(meant)}"
-    block = wanted.rpartition(".")[0]
-    siblings = [name for name in known if name.rpartition(".")[0] == block]
-    near = nearest(wanted, siblings) or nearest(wanted, [*known, *results])
-    hint = [f"did you mean '{near}'?"] if near else []
+    siblings = [name for name in keys if name.rpartition(".")[0] == block]
+    near = nearest(wanted, siblings) or nearest(wanted, known)
+    hint = f"did you mean '{near}'? " * bool(near)
     if siblings and (block or len(chosen) == 1):
-        hint.append(f"{block or f'a study of {chosen[0]}'} has {', '.join(siblings)}")
-    return " ".join(hint) or "heliosweep explain FAMILY lists the keys of a family"
+        hint += f"{block or f'a study of {chosen[0]}'} has {', '.join(siblings)}"
+    return hint.strip() or "heliosweep explain FAMILY lists the keys of a family"

@@ -4,29 +4,21 @@ from __future__ import annotations
 
 import datetime as dt
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import write_whole
 from heliosweep.lazy import pvlib
 from heliosweep.store.folder import target_file
 
-
-class Service(NamedTuple):
-    """A service of weather data."""
-
-    source: str
-    licence: str
-    #: True if the service needs a key and an email address.
-    personal: bool
-
-
+#: Source and licence of each service of weather data.
 SERVICES = {
-    "pvgis": Service("PVGIS, European Commission, Joint Research Centre, https://re.jrc.ec.europa.eu",
-                     "CC BY 4.0, European Union", False),
-    "nsrdb": Service("NSRDB PSM4, National Laboratory of the Rockies (NREL), https://nsrdb.nlr.gov",
-                     "CC BY 3.0 US, National Laboratory of the Rockies (NREL)", True),
+    "pvgis": {"source": "PVGIS, European Commission, Joint Research Centre, https://re.jrc.ec.europa.eu",
+              "licence": "CC BY 4.0, European Union"},
+    "nsrdb": {"source": "NSRDB PSM4, National Laboratory of the Rockies (NREL), https://nsrdb.nlr.gov",
+              "licence": "CC BY 3.0 US, National Laboratory of the Rockies (NREL)"},
 }  # fmt: skip
 #: Environment variables with the key of a service and the email address of its owner.
 KEY, EMAIL = "NSRDB_API_KEY", "NSRDB_EMAIL"
@@ -70,13 +62,13 @@ def download_weather(
             raise StudyError(Problem(f"must be between {-most:g} and {most:g} deg (got {value:g})", key))
     if service not in SERVICES:
         raise StudyError(Problem(f"must be one of {', '.join(SERVICES)} (got {service})", "service"))
-    path, about = target_file(target, force, endings=(".csv",)), SERVICES[service]
-    personal = {"api_key": os.environ.get(KEY), "email": os.environ.get(EMAIL)} if about.personal else {}
+    path = target_file(target, force)
+    personal = {"api_key": os.environ.get(KEY), "email": os.environ.get(EMAIL)} if service == "nsrdb" else {}
     if None in personal.values():
         message = f"needs a key: register at https://developer.nlr.gov and set {KEY} and {EMAIL}"
         raise StudyError(Problem(message, service))
     try:
-        data, place, query = (_pvgis if service == "pvgis" else _nsrdb)(latitude, longitude, year, url, personal)
+        data, place, query = _downloaded(service, latitude, longitude, year, url, personal)
     except (OSError, ValueError, KeyError) as error:  # errors of requests, of JSON and of its contents
         text = str(error)
         for secret in filter(None, personal.values()):
@@ -86,7 +78,7 @@ def download_weather(
     if "dni" not in data or data["dni"].isna().any():
         raise HeliosweepError(f"{service}: the response has no direct normal irradiance, or values are missing")
     header = {
-        "source": about.source, "licence": about.licence, "query": query, "downloaded": f"{dt.datetime.now(dt.UTC):%F}",
+        **SERVICES[service], "query": query, "downloaded": f"{dt.datetime.now(dt.UTC):%F}",
         "latitude": f"{latitude:g}", "longitude": f"{longitude:g}", **place,
     }  # fmt: skip
     data.index = data.index.map(lambda time: time.isoformat(timespec="minutes"))
@@ -96,28 +88,24 @@ def download_weather(
     return path
 
 
-def _pvgis(latitude: float, longitude: float, year: int | None, url: str | None, _: Any) -> tuple[Any, ...]:
-    """Return data, information about the location, and the query of PVGIS."""
-    more: dict[str, Any] = {} if url is None else {"url": url}
-    if year is None:
-        name = "get_pvgis_tmy"
-        data, meta = pvlib.iotools.get_pvgis_tmy(latitude, longitude, **more)
-    else:  # on a plane tracked about two axes, the beam irradiance is direct normal
-        name, tracked = "get_pvgis_hourly", {"components": True, "trackingtype": 2}
-        data, meta = pvlib.iotools.get_pvgis_hourly(latitude, longitude, start=year, end=year, **tracked, **more)
-    location = meta["inputs"]["location"]
-    found = {"altitude": f"{location['elevation']:g}"}
-    if (offset := location.get("irradiance_time_offset")) is not None:
-        found["Irradiance Time Offset (h)"] = f"{offset:g}"
-    return data, found, f"pvlib.iotools.{name}({latitude:g}, {longitude:g}{'' if year is None else f', year {year}'})"
-
-
-def _nsrdb(
-    latitude: float, longitude: float, year: int | None, url: str | None, personal: dict[str, str | None]
+def _downloaded(
+    service: str, latitude: float, longitude: float, year: int | None, url: str | None, personal: Mapping[str, Any]
 ) -> tuple[Any, ...]:
-    """Return data, information about the location, and the query of the NSRDB."""
-    name = "get_nsrdb_psm4_tmy" if year is None else "get_nsrdb_psm4_aggregated"
-    given = {"url": url, **personal, **({} if year is None else {"year": year})}
+    """Return data, information about the location, and the query."""
+    given = {**personal, **({} if url is None else {"url": url})}
+    if service == "nsrdb":
+        name = "get_nsrdb_psm4_tmy" if year is None else "get_nsrdb_psm4_aggregated"
+        given |= {} if year is None else {"year": year}
+    elif year is None:
+        name = "get_pvgis_tmy"
+    else:  # on a plane tracked about two axes, the beam irradiance is direct normal
+        name = "get_pvgis_hourly"
+        given |= {"start": year, "end": year, "components": True, "trackingtype": 2}
     data, meta = getattr(pvlib.iotools, name)(latitude, longitude, **given)
-    found = {"altitude": f"{float(meta['altitude']):g}", "rows": "middle of the interval"}
+    location = meta if service == "nsrdb" else meta["inputs"]["location"]
+    found = {"altitude": f"{float(location['altitude' if service == 'nsrdb' else 'elevation']):g}"}
+    if service == "nsrdb":
+        found["rows"] = "middle of the interval"
+    elif (offset := location.get("irradiance_time_offset")) is not None:
+        found["Irradiance Time Offset (h)"] = f"{offset:g}"
     return data, found, f"pvlib.iotools.{name}({latitude:g}, {longitude:g}{'' if year is None else f', year {year}'})"

@@ -159,6 +159,5 @@ def _entries(owner: str, a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator
 
 
 def _plain(value: Any) -> Any:
-    """Return an attribute as a plain Python value; a list of one entry becomes the entry."""
     plain = np.asarray(value).tolist()
     return plain[0] if isinstance(plain, list) and len(plain) == 1 else plain

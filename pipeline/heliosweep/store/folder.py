@@ -231,10 +231,9 @@ def page_head(page: Path) -> tuple[str, str]:
     head = ""
     with suppress(OSError), page.open(encoding="utf-8", errors="replace") as file:
         head = file.read(8192)
-    patterns = r"<title>([^<]*)</title>", r'<meta name="description" content="([^"]*)">'
-    found = (re.search(pattern, head) for pattern in patterns)
-    title, headline = (unescape(one.group(1)) if one else "" for one in found)
-    return title, headline
+    title = re.search(r"<title>([^<]*)</title>", head)
+    headline = re.search(r'<meta name="description" content="([^"]*)">', head)
+    return unescape(title[1] if title else ""), unescape(headline[1] if headline else "")
 
 
 @dataclass(frozen=True)
@@ -300,15 +299,11 @@ def status_lines(statuses: Sequence[Status]) -> Iterable[str]:
     return (f"{status.folder!s:{width}}  {status.state:{states}}  {status.detail}" for status in statuses)
 
 
-#: Suffixes of tables, in upper or lower case.
-TABLES = (".csv",)
-
-
 def target_file(
     target: str | os.PathLike[str],
     force: bool,
     *,
-    endings: Sequence[str] = TABLES,
+    endings: Sequence[str] = (".csv",),
     sources: Iterable[str | os.PathLike[str]] = (),
 ) -> Path:
     """Return the path of a file to write.
@@ -320,7 +315,7 @@ def target_file(
     force : bool
         If True, replace an existing file, but never a source or a file of a run.
     endings : sequence of str
-        Allowed suffixes of the name (default: `TABLES`); if empty, all suffixes are allowed.
+        Allowed suffixes of the name, in upper or lower case; if empty, all suffixes are allowed.
     sources : iterable of path
         Input files, which must not be replaced.
 

@@ -113,19 +113,12 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
     recorded = {"file": result.name, "bytes": result.stat().st_size, "sha256": result_digest(result)}
     called = Path(sys.argv[0])
     words = ["python", "-m", called.parent.name] if called.name == "__main__.py" else [called.name]
-    record = {"command": [*words, *sys.argv[1:]], "environment": _environment(), "result": recorded, **content}
-    write_whole(folder / STUDIES[0], study.to_yaml(folder))
-    write_whole(folder / MANIFEST, manifest_text(record))
-
-
-def _environment() -> dict[str, Any]:
-    """Return versions and machine of this process, and the commit of the source tree (``-dirty`` for local changes)."""
     lock, commit = installed(), None
     packages = "heliosweep numpy numba llvmlite xarray dask pandas netCDF4 pvlib matplotlib"
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     with suppress(OSError, subprocess.SubprocessError):
         commit = subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip() or None
-    return {
+    environment = {
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processors": os.cpu_count(),
@@ -133,6 +126,9 @@ def _environment() -> dict[str, Any]:
         "lock": lock,
         "commit": commit,
     }
+    record = {"command": [*words, *sys.argv[1:]], "environment": environment, "result": recorded, **content}
+    write_whole(folder / STUDIES[0], study.to_yaml(folder))
+    write_whole(folder / MANIFEST, manifest_text(record))
 
 
 def finished(folder: Path) -> tuple[Path | None, dict[str, Any]]:
@@ -196,15 +192,11 @@ def summary(about: str, study: Study) -> str:
     if isinstance(time, SolarTime | CivilTime):
         period = dates(time)
     elif isinstance(time, WeatherTime):
-        period = f"{'all months' if time.months is None else f'months {months(time)}'} of the weather file"
+        months = "" if time.months is None else ", ".join(f"{month:g}" for month in time.months.values())
+        period = f"{f'months {months}' if months else 'all months'} of the weather file"
     else:
         return said
     return f"{said.rstrip('.')}. Period: {period}."
-
-
-def months(time: WeatherTime) -> str:
-    """Describe the months of a study with a weather file."""
-    return "all" if time.months is None else ", ".join(f"{month:g}" for month in time.months.values())
 
 
 def dates(time: SolarTime | CivilTime) -> str:

@@ -122,7 +122,9 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
         dtype = np.dtype(np.float64) if variable.dtype.kind == "M" else variable.dtype
         storage: dict[str, Any] = {"contiguous": True}
         if level and variable.kind == "series":
-            storage = {"chunksizes": _block_shape(template, variable), "compression": "zlib", "complevel": level}
+            block = {**template.sizes, **template.cuts["series"].block}
+            chunks = [block[dim] for dim in variable.dims]
+            storage = {"chunksizes": chunks, "compression": "zlib", "complevel": level}
         fill = np.nan if dtype.kind == "f" else False
         target = file.createVariable(name, dtype, variable.dims, fill_value=fill, **storage)
         # each chunk is written once, so a cache would only use 64 MB per variable
@@ -158,10 +160,6 @@ def _write_coordinates(file: netCDF4.Dataset, coordinates: xr.Dataset) -> None:
         target.set_auto_chartostring(False)
         target.setncatts(attrs)
         target[...] = values
-
-
-def _block_shape(template: Template, variable: Variable) -> tuple[int, ...]:
-    return tuple(template.cuts[variable.kind].block.get(dim, template.sizes[dim]) for dim in variable.dims)
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
