@@ -211,8 +211,6 @@ class Table:
         Name of the file in messages.
     lines : tuple of list
         Numbers (counted from 1) and texts of the lines that are neither empty nor comments. The first is the header.
-    cells : list of list of str, optional
-        Cells of the lines, if the file is not a CSV file.
     rows, needs : str
         Words for messages: a noun for the rows, and the contents that an empty file lacks.
     most_rows : int, optional
@@ -232,7 +230,6 @@ class Table:
         self,
         name: str,
         lines: tuple[list[int], list[str]],
-        cells: list[list[str]] | None = None,
         *,
         rows: str = "rows",
         most_rows: int | None = None,
@@ -256,7 +253,7 @@ class Table:
             self.fail(f"is empty: it needs {needs}")
         if most_rows is not None and len(self._numbers) - 1 > most_rows:
             self.fail(f"has {len(self._numbers) - 1:,} rows, more than {most_rows:,} {rows}")
-        header, *given = self._split() if cells is None else cells
+        header, *given = self._split()
         self._rows, problem = with_points(given, self._separator)
         if problem:
             self.fail(problem[1], self._numbers[problem[0] + 1])

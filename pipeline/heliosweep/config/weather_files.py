@@ -44,11 +44,6 @@ from heliosweep.files import read_once
 
 #: Maximum irradiance: extraterrestrial at perihelion, for a solar constant of 1366 W/m2. [W/m2]
 MOST_DNI = 1412.0
-#: Part of the interval that the time of a row marks in each format. It is unknown for other tables.
-MARKS = {
-    "EPW": "end", "TMY3": "end", "SolarAnywhere": "end", "SAM": "middle", "PVGIS": "middle", "Solargis": "middle",
-    "CAMS": "start", "NASA POWER": "start",
-}  # fmt: skip
 #: Words in a title or a preamble, and the part of the interval that they indicate.
 _MARKS = {
     "start": "start", "begin": "start", "cent": "middle", "mid": "middle", "end": "end",
@@ -96,13 +91,6 @@ COLUMNS = {
     "hour": Column("hour", False, 0, 24, "between 0 and 24", names=("hr", "hh")),
     "minute": Column("minute", False, 0, 60, "between 0 and 60", names=("min", "mm")),
 }  # fmt: skip
-_EPW = dict(enumerate(("year", "month", "day", "hour", "minute"))) | {
-    6: "temperature",
-    13: "ghi",
-    14: "dni",
-    15: "dhi",
-    21: "wind_speed",
-}
 #: Site data: position of each field in the first line of a file, and its title in SAM CSV.
 _PLACES = {
     "EPW": {"latitude": 6, "longitude": 7, "time zone": 8, "altitude": 9},
@@ -114,11 +102,6 @@ _TITLES = {
 }  # fmt: skip
 _SHIFT = re.compile(r"Irradiance Time Offset \(h\) *: *([-+]?[\d.]+)", re.IGNORECASE)
 _COMMENT = re.compile(r"^[#\s]+")
-#: Words in a preamble that identify its service.
-_SIGNS = {
-    "PVGIS": "PVGIS|Radiation database|Irradiance Time Offset", "CAMS": r"CAMS|Summarization \(integration",
-    "NASA POWER": "-BEGIN HEADER-|NASA/POWER", "Solargis": "Solargis",
-}  # fmt: skip
 #: Description of the formats in messages.
 FORMATS = (
     "EPW files begin with LOCATION, TMY3 and SolarAnywhere files with their station, and SAM CSV and PSM "
@@ -136,8 +119,8 @@ class Sheet:
         Name of the file in messages, and its format (empty for a table of unknown origin).
     site : dict
         Name, latitude, longitude, altitude and time zone, if they are in the file.
-    numbers, texts, cells : list
-        Line number, text and cells of the header and of each row; a CSV file has no cells yet.
+    numbers, texts : list
+        Line number and text of the header and of each row.
     titles : list of str
         Titles of the columns of a CSV file.
     separator : str
@@ -153,7 +136,6 @@ class Sheet:
     site: dict[str, Any] = field(default_factory=dict)
     numbers: list[int] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
-    cells: list[list[str]] | None = None
     titles: list[str] = field(default_factory=list)
     separator: str = ","
     mark: str = ""
@@ -171,7 +153,9 @@ def parse_weather(path: Path) -> Sheet:
         _read_json(sheet, text)
     else:
         _read_lines(sheet, text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
-    sheet.mark = sheet.mark or MARKS.get(sheet.kind, "")
+    marks = {"EPW": "end", "TMY3": "end", "SolarAnywhere": "end", "SAM": "middle", "PVGIS": "middle"}
+    marks |= {"Solargis": "middle", "CAMS": "start", "NASA POWER": "start"}  # unknown for other tables
+    sheet.mark = sheet.mark or marks.get(sheet.kind, "")
     return sheet
 
 
@@ -197,8 +181,8 @@ def _read_json(sheet: Sheet, text: str) -> None:
         problem = f"is not a JSON file of PVGIS or NASA POWER ({type(error).__name__}: {str(error)[:60]})"
         raise StudyError(Problem(problem, file=sheet.name)) from None
     sheet.site |= {"name": sheet.kind, "timezone": zone}
-    sheet.cells = [header, *cells]
-    sheet.numbers, sheet.texts = [1] * (len(cells) + 1), ['"'] * (len(cells) + 1)
+    sheet.texts = [",".join(f'"{cell}"' for cell in row) for row in (header, *cells)]
+    sheet.numbers = [1] * len(sheet.texts)
 
 
 def _read_lines(sheet: Sheet, lines: list[str]) -> None:
@@ -211,8 +195,11 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
             if found := _SHIFT.search("\n".join(lines[:first])):
                 # PVGIS measures the offset from the hour after the time of the row.
                 sheet.shift = float(found[1]) + (1.0 if float(found[1]) < 0 else 0.0)
-            width = len(_fields(lines[first])) if first < len(lines) else 0
-            _keep(sheet, lines, first, [_EPW.get(place, str(place + 1)) for place in range(width)])
+            names = {0: "year", 1: "month", 2: "day", 3: "hour", 4: "minute", 6: "temperature", 13: "ghi", 14: "dni"}
+            width = len(_fields("".join(lines[first : first + 1])))
+            header = (({**names, 15: "dhi", 21: "wind_speed"}).get(at, str(at + 1)) for at in range(width))
+            _keep(sheet, [*lines[:first], ",".join(header), *lines[first:]], first)
+            sheet.numbers[1:] = [number - 1 for number in sheet.numbers[1:]]
         elif re.match('"?(Date \\(MM/DD/YYYY\\)|ObservationTime)', lines[1].strip() if lines[1:] else ""):
             sheet.kind = "TMY3" if heads[1][0].startswith("Date") else "SolarAnywhere"
             sheet.site = _site("TMY3", heads[0])
@@ -233,7 +220,11 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
     preamble = "\n".join(lines[:first])
     if re.search("true solar time", preamble, re.IGNORECASE):
         raise StudyError(Problem("has true solar time: get the file in universal time", file=sheet.name))
-    sheet.kind = next((kind for kind, sign in _SIGNS.items() if re.search(sign, preamble, re.IGNORECASE)), "")
+    signs = {
+        "PVGIS": "PVGIS|Radiation database|Irradiance Time Offset", "CAMS": r"CAMS|Summarization \(integration",
+        "NASA POWER": "-BEGIN HEADER-|NASA/POWER", "Solargis": "Solargis",
+    }  # fmt: skip
+    sheet.kind = next((kind for kind, sign in signs.items() if re.search(sign, preamble, re.IGNORECASE)), "")
     if found := _SHIFT.search(preamble):
         sheet.shift = float(found[1])
     lines[first] = _COMMENT.sub("", lines[first])
@@ -274,20 +265,14 @@ def _stated_zone(sheet: Sheet, preamble: str, longitude: float) -> str:
     return offset_text(-hours if found[1] == "-" else hours) if found else ""
 
 
-def _keep(
-    sheet: Sheet, lines: Sequence[str], first: int, header: list[str] | None = None, *, until_blank: bool = False
-) -> None:
-    """Store the header and the rows from line `first`. If `header` is given, the file has no header."""
-    mark = sheet.separator = separator_of(lines[first]) if header is None and first < len(lines) else ","
+def _keep(sheet: Sheet, lines: Sequence[str], first: int, *, until_blank: bool = False) -> None:
+    """Store the header and the rows from line `first`."""
+    mark = sheet.separator = separator_of("".join(lines[first : first + 1]))
     end = next((at for at in range(first, len(lines)) if until_blank and not lines[at].strip()), len(lines))
     kept = [at for at in range(first, end) if lines[at].strip() and not lines[at].lstrip().startswith("#")]
-    if header is not None and kept:
-        sheet.cells = [header, *(_fields(lines[at]) for at in kept)]
-        kept = [kept[0], *kept]  # keeps headers and lines aligned
-    elif kept:
-        sheet.titles = _fields(lines[kept[0]], mark)
-        while len(kept) > 2 and not re.search(r"(^|\n)[-+.]?\d", "\n".join(_fields(lines[kept[1]], mark))):
-            del kept[1]  # rows of units
+    sheet.titles = _fields("".join(lines[at] for at in kept[:1]), mark)
+    while len(kept) > 2 and not re.search(r"(^|\n)[-+.]?\d", "\n".join(_fields(lines[kept[1]], mark))):
+        del kept[1]  # rows of units
     sheet.numbers, sheet.texts = [at + 1 for at in kept], [lines[at] for at in kept]
 
 
@@ -316,11 +301,11 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
         for name, (low, high) in bounds.items()
         if name in got and not low <= got[name] <= high
     ]
+    if not wrong and got["time zone"] * 60 % 1:
+        place = places["time zone"] + 1
+        wrong = [f"field {place}, the time zone, must be in whole minutes (got {got['time zone']:g} h)"]
     if wrong:
         raise ValueError("; ".join(wrong))
-    if got["time zone"] * 60 % 1:
-        place = places["time zone"] + 1
-        raise ValueError(f"field {place}, the time zone, must be in whole minutes (got {got['time zone']:g} h)")
     zone = offset_text(got.pop("time zone"))
     city = fields[titles.index("city")] if "city" in titles else ""
     return {"name": city.strip("- ") or fields[1] or "unnamed", **got, "timezone": zone}
@@ -441,7 +426,7 @@ def read_weather(
     """
     sheet, notes = parse_weather(path), list[str]()
     table = Table(
-        sheet.name, (sheet.numbers, sheet.texts), sheet.cells, rows="hours", needs="a row for each interval",
+        sheet.name, (sheet.numbers, sheet.texts), rows="hours", needs="a row for each interval",
         separator=sheet.separator, most_listed=1,
     )  # fmt: skip
     table.check_header(COLUMNS, others=True)
@@ -460,7 +445,7 @@ def read_weather(
         table.add("does not define the meaning of its times: give weather.label: start, middle or end of the interval")
     utc = _to_utc(table, sheet, walls, offsets, timezone)
     step = _step(table, sheet, walls, utc, timezone)
-    dni, series = table.column("dni"), list[Any]()
+    dni, series = table.column("dni"), dict[str, Any]()
     for row in np.flatnonzero((dni == -9) & (sheet.kind == "Solargis")).tolist():
         table.add("dni is -9, a missing value: fill it", row, "dni")
     table.finish()
@@ -469,22 +454,18 @@ def read_weather(
     for key in ("wind_speed", "temperature", "ghi", "dhi"):  # NaN if unknown or out of bounds
         values = numbers(table.texts(key)) if key in table.header else np.full(len(table), np.nan)
         values[(values < COLUMNS[key].least) | (values > COLUMNS[key].most)] = np.nan
-        series.append(values * _scale(table, sheet, key, step))
-    wind, temperature, ghi, dhi = series
+        series[key.removesuffix("_speed")] = values * _scale(table, sheet, key, step)
     return WeatherFile(
         sheet.name,
         sheet.site.get("latitude", np.nan),
         sheet.site.get("longitude", np.nan),
         step / 60,
-        (utc + seconds).astype("datetime64[ns]"),
-        (walls + seconds).astype("datetime64[M]").astype(np.int64) % 12 + 1,
-        np.maximum(dni, 0.0) * _scale(table, sheet, "dni", step),
-        wind,
-        temperature,
-        ghi,
-        dhi,
-        shift,
-        (*notes, *_notes(table, sheet, dni)),
+        utc=(utc + seconds).astype("datetime64[ns]"),
+        month=(walls + seconds).astype("datetime64[M]").astype(np.int64) % 12 + 1,
+        dni=np.maximum(dni, 0.0) * _scale(table, sheet, "dni", step),
+        shift=shift,
+        notes=(*notes, *_notes(table, sheet, dni)),
+        **series,
     )
 
 
@@ -546,16 +527,14 @@ def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDA
 def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
     texts = [re.split(r"/(?=\d{4}-)", text)[0] for text in table.texts(key)]  # CAMS: start/end
     if key == "date":
-        hours = table.texts("hour") if "hour" in table.header else [""] * len(texts)
-        return [f"{date} {_clock(hour)}".strip() for date, hour in zip(texts, hours, strict=True)]
-    if not {"date", "day"} & {*table.header}:
+        days, times = texts, table.texts("hour") if "hour" in table.header else [""] * len(texts)
+    elif {"date", "day"} & {*table.header}:
+        is_dated = "date" in table.header
+        days, times = table.texts("date") if is_dated else _read_parts(table, sheet).astype("datetime64[D]"), texts
+    else:
         return texts
-    days = _read_parts(table, sheet).astype("datetime64[D]") if "date" not in table.header else table.texts("date")
-    return [f"{day} {_clock(time)}" for day, time in zip(days, texts, strict=True)]
-
-
-def _clock(time: str) -> str:
-    return f"{int(time):02}:00" if time.isdecimal() and len(time) < 3 else time
+    times = [f"{int(time):02}:00" if time.isdecimal() and len(time) < 3 else time for time in times]
+    return [f"{day} {time}".strip() for day, time in zip(days, times, strict=True)]
 
 
 def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
@@ -637,19 +616,16 @@ def _step(
     change = f" (or the clocks of {zone} change there, and the times are standard time)" if zone and "/" in zone else ""
     gaps = candidates[best]
     for row in np.flatnonzero(gaps != step).tolist():
-        table.add(_wrong_gap(float(gaps[row]), step, change), row + 1)
+        gap = float(gaps[row])
+        messages = {
+            f"repeats the time of the previous row: remove one of them{change}": gap == 0,
+            "is earlier than the previous row: sort the rows; months of several years must form one year": gap < 0,
+            f"is {gap:g} minutes after the row before, not {step:g}": gap % step > 0,
+            f"comes after a gap: {gap / step - 1:,.0f} rows of {step:g} minutes are missing before it": True,
+        }
+        table.add(next(message for message, applies in messages.items() if applies), row + 1)
     days, whole = walls.size * step / 1440, bool(best) or sheet.kind in ("EPW", "TMY3", "SAM")
     if whole and np.all(gaps == step) and (days % 1 or days < 365 or (best and days > 366)):
         whole_year = f"{(364 + max(best, 1)) * 1440 / step:,.0f}"
         table.add(f"has {walls.size:,} rows of {step:g} minutes, and a whole year {whole_year}")
     return step
-
-
-def _wrong_gap(gap: float, step: float, change: str) -> str:
-    if gap == 0:
-        return f"repeats the time of the previous row: remove one of them{change}"
-    if gap < 0:
-        return "is earlier than the previous row: sort the rows; months of several years must form one year"
-    if gap % step:
-        return f"is {gap:g} minutes after the row before, not {step:g}"
-    return f"comes after a gap: {gap / step - 1:,.0f} rows of {step:g} minutes are missing before it"
