@@ -33,9 +33,18 @@ from heliosweep.config import (
 )
 from heliosweep.errors import Problem, StudyError
 from heliosweep.families.family import Family, families
-from heliosweep.grid import statistics
-from heliosweep.grid.plan import EMPTY_FILE, Plan, Workload
-from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Cut, Variable, bytes_of
+from heliosweep.grid import (
+    BEST_VALUE,
+    EMPTY_FILE,
+    LARGEST,
+    SMALLEST,
+    Cut,
+    Plan,
+    Variable,
+    Workload,
+    bytes_of,
+    statistics,
+)
 from heliosweep.lazy import xr
 
 if TYPE_CHECKING:

@@ -12,10 +12,22 @@ import numpy as np
 
 from heliosweep.config import declares
 from heliosweep.errors import Problem, StudyError
-from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.plan import Workload
-from heliosweep.grid.regions import Region, Variable, bytes_of, of_kind, shape_of
-from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Instants, Suns, instant_count, instants_of, sun_attributes
+from heliosweep.grid import (
+    MAX_INSTANTS,
+    PLACE,
+    Instants,
+    Parameters,
+    Region,
+    Suns,
+    Variable,
+    Workload,
+    bytes_of,
+    instant_count,
+    instants_of,
+    of_kind,
+    shape_of,
+    sun_attributes,
+)
 from heliosweep.kernels.compiled import compilations
 from heliosweep.layouts.resolve import LayoutAxis, longest
 from heliosweep.lazy import xr

@@ -30,8 +30,18 @@ from heliosweep.config import Execution, Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, printable, reason_of
 from heliosweep.families.family import Family
 from heliosweep.families.lookup import Searched, family_of
-from heliosweep.grid.plan import Chunks, Plan, Work, human_seconds, machine_limits, make_plan, trial_seconds
-from heliosweep.grid.regions import Piece, chunks_by_block, in_result
+from heliosweep.grid import (
+    Chunks,
+    Piece,
+    Plan,
+    Work,
+    chunks_by_block,
+    human_seconds,
+    in_result,
+    machine_limits,
+    make_plan,
+    trial_seconds,
+)
 from heliosweep.lazy import xr
 from heliosweep.store.folder import CHUNKS, ChunkStore, status_of
 from heliosweep.store.manifest import finished, identity_of, listed, words_of, write_manifest

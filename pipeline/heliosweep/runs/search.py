@@ -19,9 +19,7 @@ from heliosweep.config import EVALUATION, Study, population
 from heliosweep.errors import HeliosweepError
 from heliosweep.families.lookup import Searched, result_name
 from heliosweep.files import write_whole
-from heliosweep.grid.parameters import coordinate_attributes, coordinate_name
-from heliosweep.grid.plan import Work
-from heliosweep.grid.regions import Cut, Piece, chunks_by_block, piece_name
+from heliosweep.grid import Cut, Piece, Work, chunks_by_block, coordinate_attributes, coordinate_name, piece_name
 from heliosweep.lazy import xr
 from heliosweep.runs.run import Run, Workers, explain_failure, plan_study, prepare_kernels, show_progress
 from heliosweep.sources import source_digest, version_of

@@ -30,8 +30,7 @@ from filelock import FileLock, Timeout
 from heliosweep.config import Study
 from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
 from heliosweep.files import human_bytes, named_in, user_path, writing
-from heliosweep.grid.plan import human_seconds
-from heliosweep.grid.regions import Cut
+from heliosweep.grid import Cut, human_seconds
 
 #: Prefix of folders with chunks, and file in such a folder that describes the study and its blocks and chunks.
 CHUNKS, RECORD = "chunks-", "plan.json"

@@ -16,9 +16,7 @@ from heliosweep.energy import MEGA
 from heliosweep.families.dish_tracking.study import DishTime, DishTrackingStudy, Ephemeris
 from heliosweep.families.family import Computation
 from heliosweep.families.points import Point, Points
-from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST, Variable
-from heliosweep.grid.sun import DATE, daily_windows, sun_attributes
+from heliosweep.grid import BEST_VALUE, DATE, LARGEST, SMALLEST, Parameters, Variable, daily_windows, sun_attributes
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.dish import Windows, pack_windows
 from heliosweep.kernels.sun import refracted

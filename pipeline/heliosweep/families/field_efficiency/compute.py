@@ -66,9 +66,7 @@ from heliosweep.families.field_efficiency.variables import (
 )
 from heliosweep.families.points import Point
 from heliosweep.files import processors
-from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, instant_count, instants_of
-from heliosweep.grid.weather import LIMITS
+from heliosweep.grid import LIMITS, MAX_INSTANTS, PLACE, Parameters, Suns, instant_count, instants_of
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.rays import warm_rays

@@ -27,8 +27,7 @@ from heliosweep.config import (
 from heliosweep.energy import availability, exceedance
 from heliosweep.errors import Problem
 from heliosweep.files import read_once
-from heliosweep.grid.regions import Variable, quantity
-from heliosweep.grid.weather import CAUSES
+from heliosweep.grid import CAUSES, Variable, quantity
 from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import Layout
 from heliosweep.layouts.resolve import Layouts

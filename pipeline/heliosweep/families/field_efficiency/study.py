@@ -45,8 +45,7 @@ from heliosweep.families.field_efficiency.light_checks import light_faults
 from heliosweep.families.field_efficiency.losses import Availability, FieldSite, Tower, check_availability, check_tower
 from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import NAMES as VARIABLE_NAMES
-from heliosweep.grid.sun import dark_places, instant_count
-from heliosweep.grid.weather import check_weather, weather_faults
+from heliosweep.grid import check_weather, dark_places, instant_count, weather_faults
 from heliosweep.kernels.sun import declination_cooper, solar_clock
 from heliosweep.layouts.layout import LAYOUT, PROPERTIES, Layout, check_layout, check_property
 from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts

@@ -35,9 +35,7 @@ from heliosweep.families.field_efficiency.variables import (
     PRODUCT,
     SERIES,
 )
-from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.sun import PLACE, Instants, Suns
-from heliosweep.grid.weather import LIMITS, Weathers, used
+from heliosweep.grid import LIMITS, PLACE, Instants, Parameters, Suns, Weathers, used
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field import efficiency
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION

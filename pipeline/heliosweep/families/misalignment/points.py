@@ -16,9 +16,7 @@ from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.mount_errors import standard_deviates, standard_normals, widths_of
 from heliosweep.families.points import Point
-from heliosweep.grid.parameters import Parameters
-from heliosweep.grid.regions import Variable, flags
-from heliosweep.grid.sun import DATE, PLACE, Instants, Label, sun_at, window_positions
+from heliosweep.grid import DATE, PLACE, Instants, Label, Parameters, Variable, flags, sun_at, window_positions
 from heliosweep.kernels.calibration import Mounts
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, Setting
