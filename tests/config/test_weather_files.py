@@ -12,7 +12,7 @@ import pvlib
 import pytest
 
 from heliosweep import StudyError
-from heliosweep.config.weather_files import read_weather, weather_files
+from heliosweep.config.weather_files import read_weather, weather_of
 from heliosweep.files import write_whole
 from tests import weather
 
@@ -155,10 +155,10 @@ def test_of_a_study(small):
     written("b.epw", weather.epw(MEANS))
     first = small(**blocks)
     assert first.study_id == small(**{**blocks, "weather": {"file": "b.epw"}}).study_id
-    assert weather_files(first)[0].dni[0] == MEANS[0]
-    summer = weather_files(small(**{**blocks, "time": {"clock": "weather", "months": [6, 7]}}))[0]
+    assert weather_of(first)[0].dni[0] == MEANS[0]
+    summer = weather_of(small(**{**blocks, "time": {"clock": "weather", "months": [6, 7]}}))[0]
     assert len(summer) == 61 * 24
     before = first.study_id
     written("a.epw", weather.epw(MEANS + 1))
     assert small(**blocks).study_id != before
-    assert weather_files(first)[0].dni[0] == MEANS[0] + 1
+    assert weather_of(first)[0].dni[0] == MEANS[0] + 1

@@ -109,7 +109,7 @@ from heliosweep.config.values import (
     read_items,
     read_mapping,
 )
-from heliosweep.config.weather_files import YEAR, WeatherFile, read_weather, with_weather
+from heliosweep.config.weather_files import YEAR, WeatherFile, read_weather, weather_of, with_weather
 
 __all__ = [
     "DIMENSIONS",
@@ -226,6 +226,7 @@ __all__ = [
     "validated",
     "variable_name",
     "wall_to_utc",
+    "weather_of",
     "with_sites",
     "with_weather",
     "yaml_text",

@@ -145,8 +145,6 @@ def problem(design: Design) -> dict[str, object]:
 SAMPLE = "sample"
 #: Maximum number of draws.
 MAX_SIZE = 2**20
-#: Minimum number of draws of the design `sobol`.
-LEAST_SOBOL = 2 * REPLICATES
 
 
 class SampleStatistics(Block):
@@ -231,8 +229,8 @@ class Sample(Block):
                 yield Fault(message, (key,), show_value=key in ("size", "design"))
         if kind != LOCAL and size is None:
             yield Fault("'size' is missing: the number of draws", show_value=False)
-        elif size and not own_design and self.design == SOBOL and (size < LEAST_SOBOL or size & (size - 1)):
-            near = max(LEAST_SOBOL, 2 ** (size.bit_length() - 1))
+        elif size and not own_design and self.design == SOBOL and (size < 2 * REPLICATES or size & (size - 1)):
+            near = max(2 * REPLICATES, 2 ** (size.bit_length() - 1))
             yield Fault(f"must be a power of two for 'design: sobol', such as {near:,} or {2 * near:,}", ("size",))
 
 
@@ -253,23 +251,15 @@ def sample_problems(study: Study) -> Iterator[Problem]:
     columns, sample = columns_of(study), study.sample
     drawn = list(dict.fromkeys(columns.values()))
     if sample is None or not drawn:
+        key, message = (drawn or ["sample"])[0], "there is no distribution to draw from; write a distribution instead "
+        message += "of a number, such as {normal: [mean, standard deviation]}, or remove 'sample'"
         if drawn:
-            yield study.problem(
-                drawn[0], "is a distribution, but the number of draws is missing: add 'sample: {size: 256}'"
-            )
-        elif sample is not None:
-            form = (
-                "write a distribution instead of a number, such as {normal: [mean, standard deviation]}, or "
-                "remove 'sample'"
-            )
-            yield study.problem("sample", f"there is no distribution to draw from; {form}")
+            message = "is a distribution, but the number of draws is missing: add 'sample: {size: 256}'"
+        yield from [study.problem(key, message)] * (sample is not None or bool(drawn))
         return
-    message = "time series are not stored for draws: remove it, or 'sample'"
-    yield from (
-        study.problem(f"output.{key}", message)
-        for key in ("time_series", "field_series")
-        if getattr(study.output, key, False)
-    )
+    for key in ("time_series", "field_series"):
+        if getattr(study.output, key, False):
+            yield study.problem(f"output.{key}", "time series are not stored for draws: remove it, or 'sample'")
     yield from _group_problems(study, sample, columns)
     pairs = [frozenset(pair[:2]) for pair in sample.correlation]
     for position, pair in enumerate(pairs):

@@ -364,11 +364,11 @@ class WeatherFile:
 def with_weather(study: Study) -> Study:
     """Return the study with its weather files attached, so that they are not read again."""
     copied = study.model_copy()
-    copied._weather = weather_files(study)
+    copied._weather = weather_of(study)
     return copied
 
 
-def weather_files(study: Study) -> tuple[WeatherFile, ...]:
+def weather_of(study: Study) -> tuple[WeatherFile, ...]:
     """Return the weather files of a study in order, limited to its months; empty if it has no files.
 
     Raises

@@ -21,8 +21,8 @@ from heliosweep.config import (
     parse_timezone,
     places_of,
     to_utc,
+    weather_of,
 )
-from heliosweep.config.weather_files import weather_files
 from heliosweep.errors import Problem
 from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels import sun as clock
@@ -226,7 +226,7 @@ def instants_of(grid: Parameters) -> Instants:
         return solar_instants(time)
     if isinstance(time, WeatherTime):
         dim = next((dim.name for dim in grid.study.dimensions() if "weather.file" in dim.sweeps), "site")
-        return weather_intervals(weather_files(grid.study), dim).at_sites(grid.part(dim))
+        return weather_intervals(weather_of(grid.study), dim).at_sites(grid.part(dim))
     # Generate instants for all sites, because number and dimensions must not depend on the region.
     return civil_instants(time, Parameters(grid.study).timezones()).at_sites(grid.part("site"))
 

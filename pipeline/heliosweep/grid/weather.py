@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config import KEYS_OF, CivilTime, Fault, Sweep, WeatherFile, WeatherTime, site_table
-from heliosweep.config.weather_files import weather_files
+from heliosweep.config import KEYS_OF, CivilTime, Fault, Sweep, WeatherFile, WeatherTime, site_table, weather_of
 from heliosweep.errors import Problem
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, civil_intervals, instant_count, instants_of, sun_at
@@ -61,7 +60,7 @@ class Weathers:
         self._span, self._instants = parameters.part("time"), instants_of(parameters)
         dim = self._instants.dim
         self._axis = list(parameters.sizes).index(dim) if dim in parameters.sizes else None
-        files = weather_files(parameters.study)
+        files = weather_of(parameters.study)
         each: Sequence[Any] = files or Parameters(parameters.study).timezones()
         self._each = each[parameters.part(dim)] if len(each) > 1 else each
         self._sky = [parameters.values(f"weather.clear_sky.{key}") for key in ("model", *KEYS_OF)]
@@ -226,7 +225,7 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
     """
     if study.weather is None:
         return
-    files, sites = weather_files(study), site_table(study)
+    files, sites = weather_of(study), site_table(study)
     for file in files:
         if study.limits is not None and study.limits.wind_speed is not None and np.all(np.isnan(file.wind)):
             yield study.problem("limits.wind_speed", f"{file.name} has no wind speed: remove this limit")

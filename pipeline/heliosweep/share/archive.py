@@ -19,8 +19,7 @@ import numpy as np
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from heliosweep.config import OWN, Invalid, Study, yaml_text
-from heliosweep.config import licence as checked_licence
+from heliosweep.config import OWN, Invalid, Study, licence, yaml_text
 from heliosweep.config.load import load
 from heliosweep.errors import HeliosweepError, Problem, StudyError, printable
 from heliosweep.families.family import study_classes
@@ -136,7 +135,7 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")
     study = load(next(place / name for name in STUDIES if (place / name).exists()), study_classes())
-    licence = _licence(place, study, license, draft)
+    data_licence = _licence(place, study, license, draft)
     places, manifest = placed(study), json.loads((place / MANIFEST).read_text(encoding="utf-8"))
     if study.study_id != manifest["study_id"]:
         raise HeliosweepError(f"{place}: an input of the study was changed after the run")
@@ -161,9 +160,9 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
         "manifest": {**kept, "study_file": "study.yaml", "environment": environment},
         "attributes": attributes,
         "inputs": dict(sorted((places[name], key) for key, names in study.files().items() for name in names)),
-        "licence": licence,
+        "licence": data_licence,
         # custom licences are not in the SPDX list
-        "licence_url": None if licence.startswith(OWN) else f"https://spdx.org/licenses/{licence}.html",
+        "licence_url": None if data_licence.startswith(OWN) else f"https://spdx.org/licenses/{data_licence}.html",
         "title": str(attributes["title"]),
         "summary": str(attributes["summary"]),
         "keywords": str(attributes["keywords"]).split(", "),
@@ -174,7 +173,7 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
         "commit": environment.get("commit"),
         "python": environment.get("python"),
         "versions": environment.get("lock") or environment.get("packages", {}),
-        "is_draft": licence == DRAFT,
+        "is_draft": data_licence == DRAFT,
         "creators": creators,
         "people": "; ".join(creator.name for creator in creators) or DEFAULT_CREATOR,
         "doi": dataset.doi if dataset else None,  # without the address of the resolver
@@ -234,20 +233,20 @@ def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
     Raises StudyError if the licence is unknown, or if licence or creators are missing and `draft` is False.
     """
     try:
-        given is None or checked_licence(given)
+        given is None or licence(given)
     except Invalid as error:
         raise StudyError(Problem(f"{given!r} {error}", key="--license")) from error
-    licence = given if given is not None else (study.dataset.license if study.dataset else None)
+    chosen = given if given is not None else (study.dataset.license if study.dataset else None)
     missing = [
         *([] if study.dataset and study.dataset.creators else ["'dataset.creators'"]),
-        *([] if licence else ["'dataset.license', or --license CC-BY-4.0"]),
+        *([] if chosen else ["'dataset.license', or --license CC-BY-4.0"]),
     ]
     remedy = "add it to the study and run the study again (results are not recomputed), or pack a --draft"
     if missing and not draft:
         raise StudyError([Problem(f"an archive to publish needs {key}; {remedy}", file=str(place)) for key in missing])
     for key in missing:
         log.warning("this is a draft that must not be published: it needs %s", key)
-    return licence or DRAFT
+    return chosen or DRAFT
 
 
 def placed(study: Study) -> dict[str, str]:

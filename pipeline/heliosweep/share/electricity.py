@@ -11,8 +11,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from heliosweep.config import YEAR, Study
-from heliosweep.config.weather_files import weather_files
+from heliosweep.config import YEAR, Study, weather_of
 from heliosweep.economics import levelized_cost
 from heliosweep.errors import HeliosweepError, StudyError, load_extra
 from heliosweep.lazy import pvlib
@@ -160,7 +159,7 @@ def tower_electricity(
 
 
 def _check(study: Study, values: Mapping[str, Any]) -> None:
-    files, kind, currency = len(weather_files(study)), values.get("receiver.kind"), values.get("economics.currency")
+    files, kind, currency = len(weather_of(study)), values.get("receiver.kind"), values.get("economics.currency")
     horizon, losses = any(key.startswith("site.horizon.") for key in values), "receiver.thermal_losses.file"
     wrong = (
         ("search", study.search is not None, "has many plants: run the best plant without 'search'"),
@@ -227,7 +226,7 @@ def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], p
     Rows begin on 1 January and omit 29 February. Unknown temperatures become 20 C and unknown wind speeds 0 m/s. Raises
     StudyError.
     """
-    (file,) = weather_files(study)
+    (file,) = weather_of(study)
     latitude, longitude, altitude = (values[f"site.{key}"] for key in ("latitude", "longitude", "altitude"))
     longitude = file.longitude if longitude is None else longitude
     zone, step = round(longitude / 15), round(60 * file.hours)
