@@ -251,15 +251,14 @@ def sample_problems(study: Study) -> Iterator[Problem]:
     columns, sample = columns_of(study), study.sample
     drawn = list(dict.fromkeys(columns.values()))
     if sample is None or not drawn:
-        key, message = (drawn or ["sample"])[0], "there is no distribution to draw from; write a distribution instead "
-        message += "of a number, such as {normal: [mean, standard deviation]}, or remove 'sample'"
+        form = "write a distribution instead of a number, such as {normal: [mean, standard deviation]}"
+        message = f"there is no distribution to draw from; {form}, or remove 'sample'"
         if drawn:
             message = "is a distribution, but the number of draws is missing: add 'sample: {size: 256}'"
-        yield from [study.problem(key, message)] * (sample is not None or bool(drawn))
+        yield from (study.problem(key, message) for key in [*drawn[:1], *["sample"] * (sample is not None)])
         return
-    for key in ("time_series", "field_series"):
-        if getattr(study.output, key, False):
-            yield study.problem(f"output.{key}", "time series are not stored for draws: remove it, or 'sample'")
+    message, series = "time series are not stored for draws: remove it, or 'sample'", ("time_series", "field_series")
+    yield from (study.problem(f"output.{key}", message) for key in series if getattr(study.output, key, False))
     yield from _group_problems(study, sample, columns)
     pairs = [frozenset(pair[:2]) for pair in sample.correlation]
     for position, pair in enumerate(pairs):

@@ -348,8 +348,7 @@ class Table:
 
     def note_bad_numbers(self, key: str, texts: Sequence[str], values: NDArray[np.float64]) -> None:
         """Record the cells of a column that are not finite numbers."""
-        bad = np.flatnonzero(~np.isfinite(values)).tolist()
-        for row in bad:
+        for row in np.flatnonzero(~np.isfinite(values)).tolist():
             text = texts[row]
             self.add(f"{key} must be a finite number (got {text[:40]!r})" if text else f"{key} is empty", row, key)
 

@@ -284,8 +284,7 @@ def _held(workload: Workload, variables: Mapping[str, Variable], cut: Cut, worke
 
 def _refusal(workload: Workload, what: str, need: int, have: int, kind: str) -> str:
     lengths = {**workload.sizes, **workload.axes}
-    longest = max(lengths, key=lambda dim: lengths[dim])
-    remedies = [f"shrink {longest!r} first"]
+    remedies = [f"shrink {max(lengths, key=lambda dim: lengths[dim])!r} first"]
     if "time" in workload.inner and kind == "of free disk":
         remedies.append("omit output.time_series")
     if kind == "of memory":
@@ -322,8 +321,7 @@ def machine_limits(workers: int | None, memory: int | None, folder: str | os.Pat
     folder : path
         Result folder. Free disk space is measured at the nearest existing parent folder.
     """
-    available = min([psutil.virtual_memory().available, *_group_memory()])
-    memory = memory or int(0.8 * max(0, available))
+    memory = memory or int(0.8 * max(0, min([psutil.virtual_memory().available, *_group_memory()])))
     return Limits(workers or processors(), memory, _free_disk(Path(folder).absolute()))
 
 

@@ -170,8 +170,7 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     If all sites have equal instants, ``utc`` is along ``time``, in ascending order without repetitions. Otherwise it is
     along (``site``, ``time``), and sites with fewer instants are padded with NaT.
     """
-    rows = [np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones]
-    dims, utc = _table(rows, "site")
+    dims, utc = _table([np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones], "site")
     return Instants({"utc": Label(dims, utc, {"long_name": "universal time"})}, "civil")
 
 
@@ -397,8 +396,7 @@ def _heights(
     if isinstance(time, SolarTime):
         given, hours = time.declinations(), time.solar_hours()
         declination = clock.declination_cooper(time.day_numbers()) if given is None else np.radians(given)
-        noon = hours[np.abs(hours - 12).argmin()]
-        return clock.solar_clock(np.radians(latitude), declination, noon)[..., 2]
+        return clock.solar_clock(np.radians(latitude), declination, hours[np.abs(hours - 12).argmin()])[..., 2]
     utc = np.concatenate(daily_windows(time, time.timezone or site.timezone or "+00:00"))
     utc = np.random.default_rng(0).choice(utc, min(utc.size, most), replace=False)
     date = utc.astype("datetime64[D]")

@@ -335,8 +335,7 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
         f"errors of axes{about}.",
     )
     east, north, up = (pivots.round(_DIGITS) + 0.0).T
-    layout = Layout(east, north, up, columns, name, notes=notes)
-    return Plant(layout, **blocks, notes=notes, offsets=offsets)
+    return Plant(Layout(east, north, up, columns, name, notes=notes), **blocks, notes=notes, offsets=offsets)
 
 
 def _read_tower(folder: Path, target: str) -> tuple[tuple[float, ...], dict[str, Any], Floats, str]:

@@ -481,8 +481,7 @@ PATTERNS: Mapping[str, Callable[..., Layout]] = {"radial_stagger": radial_stagge
 
 def _check_count(count: float, key: str, most: int = MOST_PLACES) -> None:
     if count > most:
-        message = f"the field would have more than {most:,} positions: reduce its ground"
-        raise StudyError(Problem(message, key))
+        raise StudyError(Problem(f"the field would have more than {most:,} positions: reduce its ground", key))
 
 
 def _cut(

@@ -174,8 +174,7 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
             return course
         while True:
             before = len(course.points)
-            swarm = pso.PSO(pop_size=size, sampling=first)
-            _advance(swarm, course, 1, seed, before + (budget - before) // 2)
+            _advance(pso.PSO(pop_size=size, sampling=first), course, 1, seed, before + (budget - before) // 2)
             if len(course.points) == before:  # all choices are already evaluated
                 break
             _refine(course, before)

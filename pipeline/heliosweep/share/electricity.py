@@ -131,8 +131,7 @@ def tower_electricity(
         name = ""
         model.execute(0)
     except Exception as error:  # PySAM raises plain exceptions
-        text = " ".join(str(error).split())
-        raise HeliosweepError(f"SAM: {name and f'{name}: '}{text}") from error
+        raise HeliosweepError(f"SAM: {name and f'{name}: '}{' '.join(str(error).split())}") from error
     out = model.Outputs
     energy = out.annual_energy / 1e3
     cost = np.nan  # if the plant consumes more than it generates

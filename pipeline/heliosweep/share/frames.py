@@ -122,8 +122,7 @@ def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dat
     names = names_of(result, variables)
     # pandas omits a second index of a dimension, such as names of heliostats
     result = result.drop_indexes([name for name in result.xindexes if name not in result.dims])
-    sets = {frozenset(result[name].dims) for name in names}
-    if len(sets) > 1:
+    if len({frozenset(result[name].dims) for name in names}) > 1:
         told = "; ".join(f"over {', '.join(dims) or 'nothing'}: {', '.join(of)}" for dims, of in groups(result).items())
         raise StudyError(
             Problem(f"variables with different dimensions do not fit in one table: choose from those {told}")

@@ -191,8 +191,7 @@ def _over_directions(
         if dimension_of(table, key) not in table.dims and (
             key in {"site", "latitude", "longitude", "altitude", "time", "date", "day", "hour"} or key.startswith(_GONE)
         ):
-            message = "directions of the sun replace sites and times: omit it"
-            raise StudyError(Problem(message, f"select.{key}"))
+            raise StudyError(Problem("directions of the sun replace sites and times: omit it", f"select.{key}"))
     tied = table[_AZIMUTH].dims == table[_ELEVATION].dims != ()
     directions = {*table[_AZIMUTH].dims, *table[_ELEVATION].dims, _AZIMUTH, _ELEVATION}
     remedy = ", for example with --select {}=... on the command line"
