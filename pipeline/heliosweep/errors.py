@@ -5,6 +5,7 @@ Every message gives the position of the problem (file, line, column, key) and th
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import import_module
@@ -13,6 +14,8 @@ from typing import Any
 
 #: Option that replaces or recomputes results, as named in messages.
 FORCE = "--force (force=True in Python)"
+#: Logger of the package.
+log = logging.getLogger("heliosweep")
 
 #: White space that is shown unchanged.
 _SPACE = frozenset("\n\t\u00a0\u2007\u2009\u202f")

@@ -6,7 +6,6 @@ result.
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -30,7 +29,7 @@ from heliosweep.config.faults import (
 )
 from heliosweep.config.source import Source
 from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity, Sweep, Text, free_text
-from heliosweep.errors import Problem
+from heliosweep.errors import Problem, log
 
 UNKNOWN_KEY = "unknown key"
 #: Marker for a path that does not exist in the file.
@@ -252,7 +251,7 @@ class Output(Block):
         """Replace the format ``zarr`` of version 0.1, which is no longer written, by ``netcdf``."""
         if not isinstance(data, dict) or data.get("format") != "zarr":
             return data
-        logging.getLogger("heliosweep").warning(
+        log.warning(
             "output.format: zarr is deprecated: the result is NetCDF; "
             "xarray.open_dataset('result.nc', chunks={}).to_zarr('result.zarr') converts it"
         )
@@ -345,7 +344,7 @@ class Execution(Block):
         """Convert the keys `job`, `profile` and `profiles` of version 0.1 to the current keys."""
         if not isinstance(data, dict) or not {"job", "profile", "profiles"} & data.keys():
             return data
-        logging.getLogger("heliosweep").warning(
+        log.warning(
             "execution: job, profile and profiles are deprecated; write scheduler: distributed and cluster: "
             "{class: dask_jobqueue.SLURMCluster, ...}, and keep the keys of each machine in a file for include"
         )
@@ -370,7 +369,6 @@ class Execution(Block):
 
 #: Prefix of the name of a licence that is not in the SPDX list.
 OWN = "LicenseRef-"
-_DOI = r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)"
 
 
 def _matched(expression: str, example: str, raw: Any) -> str:
@@ -428,7 +426,8 @@ class Dataset(Block):
     doi: Annotated[
         str | None,
         Text("DOI of the published data set, such as 10.5281/zenodo.1234567",
-             form=partial(_matched, _DOI, "a DOI such as 10.5281/zenodo.1234567")),
+             form=partial(_matched, r"(?:https?://(?:dx\.)?doi\.org/|doi:)?(10\.\d{4,9}(?:\.\d+)*/\S+)",
+                          "a DOI such as 10.5281/zenodo.1234567")),
     ] = None  # fmt: skip
     keywords: Annotated[
         tuple[Annotated[str, Text("Keyword")], ...],

@@ -6,7 +6,6 @@ header replace the file name before the study is checked. Only the header is par
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -23,7 +22,7 @@ from heliosweep.config.tables import Column, Table, read_table
 from heliosweep.config.times import CivilTime, TimeZone
 from heliosweep.config.values import Choice, FileName, Quantity, Sweep, Text, ends
 from heliosweep.config.weather_files import FORMATS, parse_weather
-from heliosweep.errors import Problem, StudyError
+from heliosweep.errors import Problem, StudyError, log
 from heliosweep.files import named_in
 
 _LATITUDE = Quantity(
@@ -322,9 +321,7 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
         new["site"] = _filled(source, site, ("site", "file"), problems)
         new["site"].pop("name", None)
     if isinstance(sites, dict) and isinstance(sites.get("file"), list):
-        logging.getLogger("heliosweep").warning(
-            "sites: {file: [a.epw, b.epw]} is deprecated; write sites: [{file: a.epw}, {file: b.epw}]"
-        )
+        log.warning("sites: {file: [a.epw, b.epw]} is deprecated; write sites: [{file: a.epw}, {file: b.epw}]")
         sites = [{"file": name} for name in sites["file"]]
     if isinstance(sites, list):
         new["sites"] = [_filled(source, entry, ("sites", at, "file"), problems) for at, entry in enumerate(sites)]

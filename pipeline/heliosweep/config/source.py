@@ -20,11 +20,8 @@ from heliosweep.config.faults import Path, in_short
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
 
-#: Maximum size of a study file. [bytes]
-MAX_BYTES = 2**20
-
-#: Maximum nesting depth of a study file.
-MAX_DEPTH = 50
+#: Maximum size of a study file [bytes], and its maximum nesting depth.
+MAX_BYTES, MAX_DEPTH = 2**20, 50
 
 _WORDS = {
     word: value

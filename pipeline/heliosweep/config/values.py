@@ -651,8 +651,8 @@ def factor(given: str, wanted: str) -> float:
     return float(Decimal(_KINDS[_KIND_OF[given]][given]) / Decimal(_KINDS[_KIND_OF[given]][wanted]))
 
 
-#: Maximum seed. Larger integers are not exact as floats, so different seeds could be equal.
-MAX_SEED = 2**53 - 1
+#: Maximum seed, and maximum number of draws. Larger seeds are not exact as floats, so different seeds could be equal.
+MAX_SEED, MAX_SAMPLES = 2**53 - 1, 10**9
 Schema = dict[str, Any]
 
 
@@ -1034,7 +1034,6 @@ class ListOfNumbers(Numbers):
         return {"type": "array", "items": super()._one_schema(), "uniqueItems": True, **count}
 
 
-MAX_SAMPLES = 10**9
 _SHAPES = (NORMAL, UNIFORM)
 
 

@@ -28,7 +28,7 @@ from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels import sun as clock
 from heliosweep.sun import direction, sun_vectors
 
-#: Maximum number of instants that are generated before the plan is accepted.
+#: Maximum number of instants that are generated before the plan is accepted, or examined for sites without a sunrise.
 MAX_INSTANTS = 10**7
 #: Attributes of a coordinate that contains calendar dates.
 DATE = {
@@ -341,8 +341,6 @@ class Suns:
         return self._last[1]
 
 
-#: Maximum product of sites and instants for which sites without a sunrise are detected.
-MAX_SUNS = 10**7
 #: Maximum elevation error of `_heights` on the civil clock: 4.3 deg from the equation of time, 1.7 deg from Cooper's
 #: declination with the calendar drift from 1700 to 2200, and a reserve of 1 deg. [deg]
 MARGIN = 7.0
@@ -359,7 +357,7 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
     if isinstance(time, CivilTime):
         margin, key, where = np.sin(np.radians(MARGIN)), "window", "sites on these dates in this window"
         each = max(instant_count(time), 200)  # each place takes at least as long as 200 sun positions
-    if not places or sum(_values(site.longitude).size for site, _ in places) * each > MAX_SUNS:
+    if not places or sum(_values(site.longitude).size for site, _ in places) * each > MAX_INSTANTS:
         return
     heights = [_heights(time, site, latitude, _values(site.longitude)).max() for site, latitude in places]
     dark = [latitude for (_, latitude), height in zip(places, heights, strict=True) if height <= -margin]
@@ -387,7 +385,7 @@ def night_share(study: Study) -> float:
 
 
 def _heights(
-    time: SolarTime | CivilTime, site: Any, latitude: float, longitudes: NDArray[np.float64], most: int = MAX_SUNS
+    time: SolarTime | CivilTime, site: Any, latitude: float, longitudes: NDArray[np.float64], most: int = MAX_INSTANTS
 ) -> NDArray[np.float64]:
     """Return sines of sun elevations at a latitude for at most `most` instants, neglecting the equation of time.
 

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heliosweep.config import (
     HEADER,
+    MAX_LISTED,
     Table,
     factor,
     is_unit,
@@ -42,8 +43,6 @@ from heliosweep.lazy import scipy
 
 #: Maximum number of heliostats of a layout.
 MAX_HELIOSTATS = 1_000_000
-#: Maximum number of problems of one kind that are listed; additional problems are only counted.
-MAX_LISTED = 20
 #: Distance from the tower beyond which coordinates are probably map coordinates or in a wrong unit. [m]
 FARTHEST = 100e3
 #: Maximum number of heliostats for which computing all distances is faster than importing SciPy.

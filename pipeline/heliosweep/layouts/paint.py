@@ -162,11 +162,10 @@ _HELIOSTAT = _record(
     facet_properties=_record(facets=Annotated[tuple[_FACET, ...], Field(min_length=1)]),
     kinematics_properties=_record(concentrator_translation_n=_number("m", -10, 10)),
 )
-_RADIUS: Any = Annotated[float | None, _number("m", 0.1, 1000)]
 _TARGET: Any = create_model(
     "Record",
     __base__=_record(normal_vector=_VECTOR, coordinates=dict[str, _POSITION]),
-    radius=(_RADIUS, None),
+    radius=(Annotated[float | None, _number("m", 0.1, 1000)], None),
 )
 _MOTORS = ("axis_1_motor_position", "axis_2_motor_position")
 _MEASUREMENT = _record(

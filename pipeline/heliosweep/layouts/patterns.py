@@ -38,11 +38,9 @@ from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 #: Maximum number of pattern positions that are examined.
 MOST_PLACES = 4 * MAX_HELIOSTATS
 
-#: Spacing within a ring at which an automatic zone ends, as a multiple of the clearance.
-WIDEST_SPACING = 1.7
-
-#: Relative shortfall of a distance that is treated as a rounding error.
-ROUNDING = 1e-12
+#: Spacing within a ring at which an automatic zone ends, as a multiple of the clearance, and relative shortfall of a
+#: distance that is treated as a rounding error.
+WIDEST_SPACING, ROUNDING = 1.7, 1e-12
 
 #: Pattern positions x and y within a radius [m], the values that order heliostats for selection, and columns.
 Places: TypeAlias = tuple[Floats, Floats, NDArray[Any], dict[str, NDArray[Any]]]

@@ -27,6 +27,8 @@ SIZE_COLUMNS = ("width", "height")
 #: Maximum number of sweep points that are checked, and maximum total number of heliostats in these points. For layouts
 #: that are not checked, kernels report faults or remain exact.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
+#: Maximum number of layouts in a sweep, and maximum number that the plan generates to count heliostats.
+MAX_LAYOUTS, MAX_MADE = 100_000, 6_000
 #: Plant keys that affect the spacing if it increases with distance.
 SPACED_BY = ("receiver.height", "heliostat.pivot_height", "heliostat.width", "heliostat.height")
 
@@ -279,8 +281,6 @@ _COLUMNS = {
     "width": {"long_name": "mirror width", "units": "m"},
     "height": {"long_name": "mirror height", "units": "m"},
 }
-#: Maximum number of layouts in a sweep, and maximum number that the plan generates to count heliostats.
-MAX_LAYOUTS, MAX_MADE = 100_000, 6_000
 
 
 class LayoutAxis:

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeAlias
 
 from heliosweep import sources
 from heliosweep.config import Execution, Study
-from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, printable, reason_of
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, log, printable, reason_of
 from heliosweep.families.family import Family
 from heliosweep.families.lookup import Searched, family_of
 from heliosweep.grid import (
@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     Values: TypeAlias = dict[str, np.ndarray]
 
 
-log = logging.getLogger("heliosweep")
 #: Maximum number of attempts to compute a chunk.
 TRIES = 2
 #: Hint that is added to messages about failed worker processes.

@@ -6,7 +6,6 @@ identical to an uninterrupted run.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from heliosweep.config import EVALUATION, Study, population
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import HeliosweepError, log
 from heliosweep.families.lookup import Searched, result_name
 from heliosweep.files import write_whole
 from heliosweep.grid import Cut, Piece, Work, chunks_by_block, coordinate_attributes, coordinate_name, piece_name
@@ -28,9 +27,6 @@ from heliosweep.store.read import open_result
 
 if TYPE_CHECKING:
     from heliosweep.search.optimise import Course
-
-
-log = logging.getLogger("heliosweep")
 
 
 class SearchRun(Run):

@@ -17,10 +17,9 @@ from heliosweep.report.figures import COLOURS, Curves, Figure
 from heliosweep.report.tables import SOURCE, Table, numbers
 from heliosweep.search.optimise import front
 
-#: Maximum difference at which a value counts as equal to the best value. [percentage points, or % of the value]
-FLAT = 0.1
-#: Number of best evaluations on the page.
-LISTED = 10
+#: Maximum difference at which a value counts as equal to the best value [percentage points, or % of the value], and
+#: number of best evaluations on the page.
+FLAT, LISTED = 0.1, 10
 
 #: Styles of lines and markers for each kind of evaluation in figures.
 _LOOKS: dict[str, dict[str, Any]] = {

@@ -6,7 +6,6 @@ import hashlib
 import io
 import itertools
 import json
-import logging
 import os
 import re
 import zipfile
@@ -21,21 +20,17 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from heliosweep.config import OWN, Invalid, Study, licence, yaml_text
 from heliosweep.config.load import load
-from heliosweep.errors import HeliosweepError, Problem, StudyError, printable
+from heliosweep.errors import HeliosweepError, Problem, StudyError, log, printable
 from heliosweep.families.family import study_classes
 from heliosweep.files import user_path, written_whole
 from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.store.folder import MANIFEST, RESULT, STUDIES, manifest_text, target_file
 from heliosweep.store.read import open_result, verify
 
-log = logging.getLogger("heliosweep")
-
 #: Default creators of a study, and licence of a draft without a licence.
 DEFAULT_CREATOR, DRAFT = "The authors of this data set", "LicenseRef-Draft"
 #: Folder of the archive with the input files of the study.
 FOLDER = "inputs"
-#: Parts of file names that are invalid on some systems.
-_UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$')
 
 
 def pack_result(
@@ -265,7 +260,8 @@ def placed(study: Study) -> dict[str, str]:
                     f"{key}: there is no such file: {study.resolve(name)}; an archive needs all input files"
                 )
             last = PurePath(name).name
-            if _UNSAFE.search(last) or not last.isprintable():
+            unsafe = r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$'
+            if re.search(unsafe, last) or not last.isprintable():
                 raise HeliosweepError(
                     f"{key}: {last!r} is not a valid file name on all systems: rename the file and run the study again"
                 )

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -115,8 +115,6 @@ def label(data: xr.DataArray | xr.Dataset, name: str, value: Any) -> Any:
     raise StudyError(Problem(message, f"select.{name}"))
 
 
-#: ``solarpilot``: a user-defined layout of SolarPILOT. ``csv``: columns x, y, z and all others.
-LayoutForm: TypeAlias = Literal["solarpilot", "csv"]
 #: Variables with residuals in a table of corrections.
 _RESIDUALS = (
     *("uncalibrated_beam_residual_rms", "beam_residual_rms"),
@@ -370,7 +368,11 @@ def _layout_of_result(result: xr.Dataset, select: Mapping[str, Any]) -> Layout:
 
 
 def write_layout(
-    layout: Layout | pd.DataFrame, path: str | os.PathLike[str], form: LayoutForm = "csv", *, force: bool = False
+    layout: Layout | pd.DataFrame,
+    path: str | os.PathLike[str],
+    form: Literal["solarpilot", "csv"] = "csv",
+    *,
+    force: bool = False,
 ) -> Path:
     """Write a layout to a file, from which `read_layout` returns identical numbers.
 

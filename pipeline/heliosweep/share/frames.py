@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import os
 import re
@@ -15,12 +14,9 @@ import pandas as pd
 import xarray as xr
 
 from heliosweep.config import did_you_mean
-from heliosweep.errors import Problem, StudyError, load_extra, printable
+from heliosweep.errors import Problem, StudyError, load_extra, log, printable
 from heliosweep.files import written_whole
 from heliosweep.store.folder import target_file
-
-#: Maximum number of rows of a CSV file held in memory.
-ROWS_AT_A_TIME = 2**17
 
 
 def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *, units: bool = False) -> pd.DataFrame:
@@ -163,7 +159,7 @@ def _frame(part: xr.Dataset) -> pd.DataFrame:
 def _pieces(part: xr.Dataset, dims: Sequence[Hashable]) -> Iterator[xr.Dataset]:
     """Yield pieces of consecutive rows that fit in memory, halving the first dimension that has several values."""
     dim = next((dim for dim in dims if part.sizes[dim] > 1), None)
-    if dim is None or math.prod(part.sizes[dim] for dim in dims) <= ROWS_AT_A_TIME:
+    if dim is None or math.prod(part.sizes[dim] for dim in dims) <= 2**17:
         yield part
         return
     half = part.sizes[dim] // 2
@@ -176,12 +172,8 @@ def _named(chosen: xr.Dataset) -> dict[str, str]:
     return {name: f"{name} [{unit}]" if unit != "1" else name for name, unit in units.items()}
 
 
-log = logging.getLogger("heliosweep")
-
 #: Maximum number of rows of a sheet, without its header.
 MOST_ROWS = 2**20 - 1
-#: Maximum length of the name of a sheet.
-_LETTERS = 31
 
 
 def write_xlsx(
@@ -273,9 +265,9 @@ def _line(result: xr.Dataset, name: Any, **more: Any) -> dict[str, Any]:
 
 def _sheet_name(title: str, taken: Iterable[str]) -> str:
     """Return an unused name for a sheet. Names that differ only by case count as equal."""
-    name = re.sub(r"[\[\]:*?/\\]", " ", title).strip(" '")[:_LETTERS] or "table"
+    name = re.sub(r"[\[\]:*?/\\]", " ", title).strip(" '")[:31] or "table"
     number, others = 1, {one.lower() for one in taken}
     while name.lower() in others:
         number += 1
-        name = f"{name[: _LETTERS - 3].rstrip(' 0123456789')} {number}"
+        name = f"{name[:28].rstrip(' 0123456789')} {number}"
     return name

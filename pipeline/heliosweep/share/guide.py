@@ -22,9 +22,6 @@ from heliosweep.families.family import families, study_classes
 from heliosweep.files import user_path, write_whole
 from heliosweep.store.folder import sources_of, target_file
 
-#: Folder of the shipped studies: in the installed package, or in the working copy.
-_STUDIES = (Path(__file__).parents[1] / "studies", Path(__file__).parents[3] / "studies")
-
 
 def explain(words: Iterable[str]) -> str:
     """Explain a key of study files or a variable of results.
@@ -94,8 +91,10 @@ def new_study(family: str, target: str | os.PathLike[str] | None = None, *, forc
 
 def shipped() -> dict[str, Path]:
     """Return the shipped study files by name; empty if they are not installed."""
-    folder = next((folder for folder in _STUDIES if folder.is_dir()), None)
-    return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    # in the installed package, or in the working copy
+    folders = (Path(__file__).parents[1] / "studies", Path(__file__).parents[3] / "studies")
+    folder = next(filter(Path.is_dir, folders), folders[0])
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
 def examples() -> str:

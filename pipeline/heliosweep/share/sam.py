@@ -46,8 +46,7 @@ TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
 #: Keys that are removed for directions of the sun, and their dimensions.
 _GONE = ("site.", "sites", "time.", "weather.", "limits.", "availability.", "economics.", "budget.")
-_DIGITS = 9  # number of decimals of angles and efficiencies
-_SAME = 10.0**-_DIGITS
+_SAME = 1e-9  # maximum difference of equal angles [deg]
 #: Variables for a table in order of preference, and their factors.
 _FACTORS = {
     "field_total_efficiency": "cosine, shading, blocking, reflection, attenuation and intercept",
@@ -306,5 +305,5 @@ def _closed(azimuth: NDArray, values: NDArray, low: float) -> tuple[NDArray, NDA
 
 
 def _number(value: float) -> float | int:
-    rounded = round(float(value), _DIGITS) + 0.0
+    rounded = round(float(value), 9) + 0.0
     return int(rounded) if rounded.is_integer() else rounded

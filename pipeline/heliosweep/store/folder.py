@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 import multiprocessing
 import os
 import re
@@ -28,7 +27,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from heliosweep.config import Study
-from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError
+from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, log
 from heliosweep.files import human_bytes, named_in, user_path, writing
 from heliosweep.grid import Cut, human_seconds
 
@@ -100,20 +99,14 @@ class ChunkStore:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-log = logging.getLogger("heliosweep")
 #: Default parent of result folders, below the working directory. Only this folder has an index.
 OUTPUTS = "outputs"
-#: The data set of a result folder.
-RESULT = "result.nc"
-MANIFEST = "manifest.json"
-#: The best point of a search, as a study.
-BEST = "best.yaml"
+#: Files of a result folder: data set, manifest, the best point of a search as a study, and lock.
+RESULT, MANIFEST, BEST, LOCK = "result.nc", "manifest.json", "best.yaml", ".heliosweep.lock"
 #: Study file of a result: in the folder of a run, and in an unpacked archive.
 STUDIES = ("study.resolved.yaml", "study.yaml")
 #: Files that describe a result and are removed when another result replaces it.
 DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
-#: Lock file of a folder.
-LOCK = ".heliosweep.lock"
 
 
 @contextmanager
