@@ -67,7 +67,7 @@ def images_of_a_field():
     sun, share = light.sun_directions(180.0, 45.0)[0], light.mirror_area(*scene.sides.T, scene.facets) * 1.0
     flux = aiming.aim_images(scene, sun, points, cells=(20, 36), share=share)
     power = aiming.image_powers(flux, scene.receiver, (20, 36), 15)
-    return power, flux, np.full(720, 0.3 * aiming.unlimited(power, flux)[1].max())
+    return power, flux, np.full(720, 0.3 * aiming._load(flux, power.argmax(axis=0)).max())
 
 
 @pytest.mark.parametrize("given", ["field", "random"])

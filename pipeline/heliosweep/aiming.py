@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from heliosweep.files import processors
 from heliosweep.kernels import aims as kernel
 from heliosweep.kernels import rays as tracer
 from heliosweep.kernels.compiled import Floats, Integers
@@ -26,28 +26,10 @@ from heliosweep.light import (
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-#: Smoothing of the dual function in each round, relative to the mean power of a heliostat.
-_SMOOTHING = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
-#: Maximum number of minimisation steps in a round; tolerance of the dual function, relative to smoothing times gap.
-_STEPS, _TOLERANCE = 1000, 0.5
-#: Penalty of an overload, relative to the mean power of a heliostat, and its growth until all limits are met.
-_PENALTY, _GROWTH = 2.0, 1.5
-#: Minimum decrease of the bound in a round, relative to the gap.
-_FALL = 0.2
-#: Maximum number of powers (heliostats times aims) for branch and bound, and maximum number of its nodes.
-_EXACT, _NODES = 200, 100
 #: Default number of rays of an image; default gap between power and bound, relative to the bound.
 RAYS, GAP = 1024, 2e-3
-#: Finer trace of the flux: maximum number of rounds, ratio of its rays to the rays of an image, and accepted excess.
-_CHECKS, _CHECK_RAYS, _CHECK_EXCESS = 6, 16, 0.005
-#: Penalty of an overload in these rounds, in which only few heliostats move.
-_FINE_PENALTY = 10.0
-#: Number of parts of a field that are summed separately; minimum number of heliostats in a part.
-_PARTS, _FEWEST = 8, 32
 #: Maximum distance of an aim point from the surface of the receiver. [m]
 SLACK = 0.01
-#: Height of the aim point of stowed heliostats, relative to the height of the receiver.
-_STAND_BY = 3.0
 #: Variables of a result: dimensions, unit and description.
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "aim": (("heliostat",), "1", "number of the aim point, -1 if stowed"),
@@ -148,7 +130,7 @@ def choose_aims(
             "`limit`: heliostat {} alone has the flux {:g} in cell {}; increase the limit".format(*problem)
         )
     count, images, mean = power.shape[1], _images(flux), max(float(power.max(axis=0).mean()), 1e-300)
-    unit, parts = mean / limit, np.linspace(0, count, max(1, min(_PARTS, count // _FEWEST)) + 1).astype(int)
+    unit, parts = mean / limit, np.linspace(0, count, max(1, min(8, count // 32)) + 1).astype(int)
     share, loads = np.empty(power.shape), np.empty((len(parts) - 1, limit.size))
     scaled = price = np.zeros(limit.size)
     best, best_power, bound = np.full(count, -1), 0.0, np.inf
@@ -161,21 +143,21 @@ def choose_aims(
         ))  # fmt: skip
         return total / mean + scaled.sum(), 1.0 - loads.sum(axis=0) / limit
 
-    with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
-        for smoothing in _SMOOTHING:
-            options = {"maxiter": _STEPS, "maxcor": 20, "ftol": smoothing * _TOLERANCE * gap, "gtol": 1e-8}
+    with ThreadPoolExecutor(threads or processors()) as pool:
+        for smoothing in (3e-3, 3e-4, 3e-5, 3e-6, 3e-7):  # relative to the mean power of a heliostat
+            options = {"maxiter": 1000, "maxcor": 20, "ftol": smoothing * 0.5 * gap, "gtol": 1e-8}
             bounds, last = [(0.0, None)] * limit.size, bound
             scaled = minimize(smooth, scaled, (smoothing * mean,), "L-BFGS-B", True, bounds=bounds, options=options).x
             net = kernel.net_powers(power, images, scaled * unit)
             if (value := float(np.maximum(net.max(axis=0), 0.0).sum() + mean * scaled.sum())) < bound:
                 bound, price = value, scaled * unit
             smooth(scaled, smoothing * mean)
-            choice = _rounded(power, net, images, limit, share, loads.sum(axis=0), _PENALTY * mean)
+            choice = _rounded(power, net, images, limit, share, loads.sum(axis=0), 2.0 * mean)
             if (total := _total(power, choice)) > best_power:
                 best, best_power = choice, total
-            if best_power >= (1.0 - gap) * bound or last - bound < _FALL * gap * bound:
+            if best_power >= (1.0 - gap) * bound or last - bound < 0.2 * gap * bound:  # or the bound hardly falls
                 break
-    if power.size <= _EXACT and best_power < (1.0 - gap) * bound:
+    if power.size <= 200 and best_power < (1.0 - gap) * bound:
         choice, value = _exact(power / mean, flux, limit)
         bound = min(bound, value * mean)
         if (total := _total(power, choice)) > best_power:
@@ -189,7 +171,6 @@ def _images(flux: csr_matrix) -> tuple[Any, ...]:
 
 
 def _total(power: Floats, choice: Integers) -> float:
-    """Return the power of a choice."""
     on = np.flatnonzero(choice >= 0)
     return float(power[choice[on], on].sum())
 
@@ -202,7 +183,7 @@ def _rounded(
     order = np.argsort(-share.max(axis=0), kind="stable")
     kernel.choose(order, net, images, limit, penalty, share, load, choice)
     while (load > limit * (1.0 + 2.0 * kernel.EXCESS)).any():
-        penalty *= _GROWTH
+        penalty *= 1.5
         kernel.choose(order, power, images, limit, penalty, share, load, choice)
     while kernel.choose(order, power, images, limit, np.inf, share, load, choice):
         order = np.argsort((share * power).sum(axis=0) - power.max(axis=0), kind="stable")
@@ -210,14 +191,14 @@ def _rounded(
 
 
 def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, float]:
-    """Return the best choice and the bound that HiGHS finds by branch and bound within `_NODES` nodes."""
+    """Return the best choice and the bound that HiGHS finds by branch and bound within 100 nodes."""
     from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import diags, identity, kron, vstack
 
     aims, count = power.shape
     rows = vstack((diags(1.0 / limit) @ flux.astype(np.float64).T, kron(np.ones((1, aims)), identity(count))))
     found = milp(-power.ravel(), integrality=1, bounds=(0, 1), constraints=LinearConstraint(rows.tocsr(), ub=1.0),
-                 options={"mip_rel_gap": 1e-9, "node_limit": _NODES})  # fmt: skip
+                 options={"mip_rel_gap": 1e-9, "node_limit": 100})  # fmt: skip
     shares = np.zeros(power.shape) if found.x is None else found.x.reshape(power.shape)
     return np.where(shares.max(axis=0) > 0.5, shares.argmax(axis=0), -1), -float(found.mip_dual_bound)
 
@@ -322,11 +303,6 @@ def image_powers(flux: csr_matrix, receiver: tracer.Receiver, cells: tuple[int, 
     return area * (flux @ np.ones(flux.shape[1], np.float32)).reshape(aims, -1).astype(np.float64)
 
 
-def unlimited(power: Floats, flux: csr_matrix) -> tuple[float, Floats]:
-    """Return power and flux if each heliostat has the aim point of its maximum power."""
-    return float(power.max(axis=0).sum()), _load(flux, power.argmax(axis=0))
-
-
 def _load(flux: csr_matrix, choice: Integers) -> Floats:
     """Return the flux of a choice in each cell."""
     on = np.flatnonzero(choice >= 0)
@@ -337,9 +313,9 @@ def _load(flux: csr_matrix, choice: Integers) -> Floats:
 def targets(scene: tracer.Scene, place: Floats) -> Floats:
     """Return the aim points of a field for the tracer, shape (N, 3). [m]
 
-    Stowed heliostats, which are NaN in `place`, aim above the tower.
+    Stowed heliostats, which are NaN in `place`, aim above the tower, at three times the height of the receiver.
     """
-    above = np.array([*scene.receiver.centre[:2], _STAND_BY * scene.receiver.centre[2]])
+    above = np.array([*scene.receiver.centre[:2], 3.0 * scene.receiver.centre[2]])
     return np.where(np.isnan(place), above, place)
 
 
@@ -376,19 +352,20 @@ def limited_aims(
     if (problem := overload(flux, most, count)) is not None:
         words = "heliostat {} alone has {:.4g} kW/m2 in row {}, column {}, above the limit with each of its aim points"
         raise ValueError(words.format(*problem[:2], *divmod(problem[2], cells[1])))
-    whole, free = unlimited(power, flux)
+    whole, free = float(power.max(axis=0).sum()), _load(flux, power.argmax(axis=0))  # without a limit
     found = choose_aims(power, flux, most, gap=gap, threads=threads)
-    choice, least, reduced, penalty = found.choice, np.inf, most, _FINE_PENALTY * power.max(axis=0).mean()
-    for _ in range(_CHECKS):
+    choice, least, reduced = found.choice, np.inf, most
+    penalty = 10.0 * power.max(axis=0).mean()  # per overload, because only few heliostats move
+    for _ in range(6):
         place = np.where(choice[:, np.newaxis] < 0, np.nan, points[choice, np.arange(count)])
         fine = aim_images(
-            scene, sun, targets(scene, place)[np.newaxis], cells=cells, share=share, rays=_CHECK_RAYS * rays,
+            scene, sun, targets(scene, place)[np.newaxis], cells=cells, share=share, rays=16 * rays,
             seed=seed + 1, threads=threads,
         )  # fmt: skip
         checked = np.bincount(fine.indices, fine.data, most.size)
         if (excess := float((checked / most).max())) < least:
             least, kept = excess, (choice, place, checked)
-        if excess <= 1.0 + _CHECK_EXCESS:
+        if excess <= 1.005:
             break
         on = np.flatnonzero(choice >= 0)
         power[choice[on], on] = image_powers(fine, scene.receiver, cells, 1)[0, on]
@@ -493,9 +470,13 @@ def flux_limited_aims(
     most = np.broadcast_to(most[:, np.newaxis] if most.ndim == 1 else most, flux_map)
     if not (most > 0.0).all():
         raise ValueError(f"`limit` must be above 0 (got {most.min():g})")
-    sun, threads = sun_directions(sun_azimuth, sun_elevation)[0], threads or len(os.sched_getaffinity(0))
+    sun, threads = sun_directions(sun_azimuth, sun_elevation)[0], threads or processors()
     share = (
-        mirror_area(*scene.sides.T, scene.facets) * np.asarray(reflectivity) * np.asarray(transmittance) * 1e-3 * dni
+        mirror_area(scene.sides[:, 0], scene.sides[:, 1], scene.facets)
+        * np.asarray(reflectivity)
+        * np.asarray(transmittance)
+        * 1e-3
+        * dni
     )
     try:
         found = limited_aims(scene, sun, points, most, share, rays=rays, seed=seed, gap=gap, threads=threads)

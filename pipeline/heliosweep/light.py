@@ -5,13 +5,13 @@ Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg].
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heliosweep.files import processors
 from heliosweep.kernels import rays as kernel
 from heliosweep.kernels import sunshapes
 from heliosweep.kernels.compiled import Floats
@@ -20,8 +20,6 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATI
 from heliosweep.lazy import xr
 from heliosweep.sun import direction
 
-#: Maximum number of pairs of heliostat and instant for which `trace_field` stores sums at a time.
-_PAIRS = 100_000
 #: Dimensions of flux maps.
 _CELLS = ("flux_row", "flux_column")
 TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
@@ -275,17 +273,17 @@ def trace_field(
     >>> light.optical_efficiency.round(2).values.tolist()
     [0.91, 0.88, 0.91]
     """
-    scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
+    scene = _scene(layout, receiver, field)
     sun, dims, coordinates = sun_directions(sun_azimuth, sun_elevation)
     up, instants = sun[:, 2] > 0.0, len(sun)
     cells, irradiance = _cells(flux_map), per_item("dni", dni, (), instants, 2000.0)
-    threads, area = threads or len(os.sched_getaffinity(0)), mirror_area(*scene.sides.T, scene.facets)
+    threads, area = threads or processors(), mirror_area(scene.sides[:, 0], scene.sides[:, 1], scene.facets)
     lit = np.flatnonzero(up)[np.argsort(sun[up, 2])]
     some = [np.array([lit[len(lit) * quarter // 4]]) for quarter in (1, 2, 3) if len(lit)]
     each = _rays_for(scene, [sun[one] for one in some], None, rays, precision, cells, area, seed, instants)
     given: dict[str, Any] = {"rays": each, "seed": seed, "cells": cells, "threads": threads, "share": area}
     given["cuda"] = _on_device(device)
-    length = 1 if cells is not None else max(1, _PAIRS // len(area))
+    length = 1 if cells is not None else max(1, 100_000 // len(area))  # instants whose sums are in memory
     variables, shape, efficiency, maps = dict[str, Any](), (*dims, "heliostat"), [], []
     for first in range(0, instants, length):
         last = min(first + length, instants)
@@ -293,11 +291,13 @@ def trace_field(
         found = kernel.trace(scene, sun, first=first, last=last, group=group, groups=last - first, **given)
         efficiency.append(_efficiencies(found.sums, 1.0))
         if cells is not None:
-            maps.append(_map(found.flux * (found.unit * 1e-3 * irradiance[first] / cell_area(scene.receiver, cells))))
+            maps.append(found.flux * (found.unit * 1e-3 * irradiance[first] / cell_area(scene.receiver, cells)))
     for name, words in _PARTS.items():
-        for k, label in enumerate((name, f"{name}_error")):
-            value = np.where(up, np.concatenate([part[name][k] for part in efficiency], axis=1), np.nan).T
-            variables[label] = shape, value if dims else value[0], _attributes(label, "1", words)
+        pair = (
+            np.where(up, np.concatenate(each, axis=1), np.nan).T
+            for each in zip(*(one[name] for one in efficiency), strict=True)
+        )
+        variables |= _with_error(name, shape, [value if dims else value[0] for value in pair], "1", words)
     if cells is not None:
         variables |= _map_variables(maps, dims, "kW m-2", "flux on the receiver")
     return _dataset(variables, coordinates, scene, layout, each, seed)
@@ -351,33 +351,28 @@ def trace_year(
     >>> round(float(day.field_energy), 2)
     0.25
     """
-    scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
+    scene = _scene(layout, receiver, field)
     sun, _, _ = sun_directions(sun_azimuth, sun_elevation)
     cells, weight = _cells(flux_map), per_item("irradiation", irradiation, (), len(sun), np.inf)
     weights = np.stack((weight, weight * per_item("reflectivity", reflectivity, (), len(sun), 1.0)))
-    area = mirror_area(*scene.sides.T, scene.facets)
+    area = mirror_area(scene.sides[:, 0], scene.sides[:, 1], scene.facets)
     share = area * per_item("transmittance", transmittance, (), len(area), 1.0)
     each = _rays_for(scene, [sun], weights, rays, precision, cells, share, seed, len(sun))
-    threads = threads or len(os.sched_getaffinity(0))
+    threads = threads or processors()
     found = kernel.trace(
         scene, sun, weights=weights, rays=each, seed=seed, cells=cells, share=share, threads=threads,
         cuda=_on_device(device),
     )  # fmt: skip
     sums = found.sums[:, :, 0]
     total = float(weight[sun[:, 2] > 0.0].sum()) or np.nan
-    variables: dict[str, Any] = {}
+    energy, variables = sums[:, :, kernel.RECEIVED] * share, dict[str, Any]()
     for name, pair in _efficiencies(sums, total).items():
-        for label, value in zip((name, f"{name}_error"), pair, strict=True):
-            variables[label] = ("heliostat", value, _attributes(label, "1", _PARTS[name]))
-    energy = sums[:, :, kernel.RECEIVED] * share
-    for name, values, words in (
-        ("receiver_energy", energy, "energy of the heliostat on the receiver"),
-        ("field_energy", energy.sum(axis=1), "energy of the field on the receiver"),
-    ):
-        for label, value in zip((name, f"{name}_error"), kernel.mean_error(values), strict=True):
-            variables[label] = (("heliostat",)[: value.ndim], value, _attributes(label, "MWh", words))
+        variables |= _with_error(name, ("heliostat",), pair, "1", _PARTS[name])
+    for name, dims, values in (("receiver", ("heliostat",), energy), ("field", (), energy.sum(axis=1))):
+        words = f"energy of the {'heliostat' if dims else 'field'} on the receiver"
+        variables |= _with_error(f"{name}_energy", dims, kernel.mean_error(values), "MWh", words)
     if cells is not None:
-        flux = _map(found.flux * (found.unit / cell_area(scene.receiver, cells)))
+        flux = found.flux * (found.unit / cell_area(scene.receiver, cells))
         variables |= _map_variables([flux], (), "MWh m-2", "energy on the receiver")
     return _dataset(variables, {}, scene, layout, each, seed)
 
@@ -418,7 +413,7 @@ def hflcal(
     """
     from scipy.special import erf
 
-    scene = layout if isinstance(layout, kernel.Scene) else _scene(layout, receiver, field)
+    scene = _scene(layout, receiver, field)
     sun, made = sun_directions(sun_azimuth, sun_elevation)[0], scene.receiver
     way = scene.target - scene.centre
     slant = np.linalg.norm(way, axis=1)
@@ -477,6 +472,8 @@ def mirror_area(width: Floats, height: Floats, facets: Any = None) -> Floats:
 
 
 def _scene(layout: Any, receiver: Cylinder | Rectangle | None, field: Mapping[str, Any]) -> kernel.Scene:
+    if isinstance(layout, kernel.Scene):
+        return layout
     if receiver is None:
         raise ValueError("`receiver` is missing: give a Cylinder or a Rectangle")
     return field_scene(layout, receiver, **field)
@@ -646,8 +643,12 @@ def _efficiencies(sums: Floats, total: float) -> dict[str, tuple[Floats, Floats]
     return found | {"intercept_efficiency": kernel.mean_error(parts)}
 
 
-def _attributes(label: str, units: str, words: str) -> dict[str, str]:
-    return {"units": units, "long_name": f"standard error: {words}" if label.endswith("_error") else words}
+def _with_error(name: str, dims: tuple[str, ...], pair: Sequence[Any], units: str, words: str) -> dict[str, Any]:
+    """Return a variable and its standard error."""
+    return {
+        f"{name}{label}": (dims, values, {"units": units, "long_name": f"{of}{words}"})
+        for (label, of), values in zip((("", ""), ("_error", "standard error: ")), pair, strict=True)
+    }
 
 
 def cell_area(receiver: kernel.Receiver, cells: Any) -> float:
@@ -656,21 +657,17 @@ def cell_area(receiver: kernel.Receiver, cells: Any) -> float:
     return float(around * receiver.half_width * 2.0 * receiver.half_height / (cells[0] * cells[1]))
 
 
-def _map(flux: NDArray[Any]) -> tuple[Any, ...]:
-    """Return the mean and standard error of each cell of a map, and its peak with the standard error."""
-    return *kernel.mean_error(flux), *kernel.peak(flux)
-
-
-def _map_variables(maps: list[tuple[Any, ...]], dims: tuple[str, ...], units: str, words: str) -> dict[str, Any]:
-    """Return flux maps and their peaks with standard errors, from the maps of the given instants."""
-    made = {}
-    labels = ("flux_map", "flux_map_error", "peak_flux", "peak_flux_error")
-    for label, values in zip(labels, map(np.array, zip(*maps, strict=True)), strict=True):
-        of_cells = label.startswith("flux_map")
-        long_name = f"{words}, {'mean of each cell' if of_cells else 'maximum over the cells'}"
-        cells = _CELLS if of_cells else ()
-        made[label] = (*dims, *cells), values if dims else values[0], _attributes(label, units, long_name)
-    return made
+def _map_variables(maps: Sequence[NDArray[Any]], dims: tuple[str, ...], units: str, words: str) -> dict[str, Any]:
+    """Return flux maps and their peaks with standard errors, from the maps of each replicate at the given instants."""
+    found = {}
+    for name, cells, of, way in (
+        ("flux_map", _CELLS, kernel.mean_error, "mean of each cell"),
+        ("peak_flux", (), kernel.peak, "maximum over the cells"),
+    ):
+        pair = [np.array(values) for values in zip(*map(of, maps), strict=True)]
+        pair = pair if dims else [values[0] for values in pair]
+        found |= _with_error(name, (*dims, *cells), pair, units, f"{words}, {way}")
+    return found
 
 
 def _dataset(

@@ -225,7 +225,7 @@ def _values(
         rows, rank = point.inputs.last("kept", key, choose)
         made |= {"kept": np.isin(np.arange(len(layout)), rows) * 1.0, "selection_rank": rank * 1.0}
         layout, stop = layout.part(rows), len(rows)
-    field = aimed(field_of(layout))
+    field: Field | TracedField = aimed(field_of(layout))
     if series:
         found, of_field = _series_of(field, sun, part, hours, first, stop, whole)
         made |= at_instants(now, hours, part)
