@@ -11,7 +11,7 @@ import pytest
 import heliosweep
 from heliosweep.families.family import families
 from heliosweep.families.field_efficiency import compute as module
-from heliosweep.families.field_efficiency.aim import aims, turns
+from heliosweep.families.field_efficiency.flux import aims, turns
 from heliosweep.kernels.field.efficiency import field_sums, sorted_field
 from tests.families.field_efficiency.test_optics import OPTICS, RECEIVER, lit  # noqa: F401
 from tests.families.studies import computed

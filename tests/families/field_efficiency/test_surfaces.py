@@ -13,8 +13,8 @@ from scipy.interpolate import RegularGridInterpolator
 import heliosweep
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.aim import room
 from heliosweep.families.field_efficiency.chain import Inputs, Way, values_of
+from heliosweep.families.field_efficiency.flux import room
 from heliosweep.families.field_efficiency.light_files import read_slopes
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.layouts.resolve import Layouts

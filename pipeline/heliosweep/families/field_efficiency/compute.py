@@ -15,14 +15,15 @@ from heliosweep.aiming import VARIABLES
 from heliosweep.config import SunDirections
 from heliosweep.economics import ITEMS
 from heliosweep.families.family import Computation
-from heliosweep.families.field_efficiency.aim import aims, images, limited, with_aims
-from heliosweep.families.field_efficiency.budget import budget_cases, budget_labels, budget_values
 from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, Way, months_of, values_of
-from heliosweep.families.field_efficiency.flux import flux_labels, is_limited, varies
+from heliosweep.families.field_efficiency.flux import aims, flux_labels, images, is_limited, limited, varies, with_aims
 from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
 from heliosweep.families.field_efficiency.light_checks import mapped
 from heliosweep.families.field_efficiency.losses import (
     Available,
+    budget_cases,
+    budget_labels,
+    budget_values,
     causes,
     hidden,
     horizon_of,
@@ -84,23 +85,14 @@ if TYPE_CHECKING:
 BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
 #: Number of rays whose computing time equals that for one heliostat and instant without optics.
 BUNDLE = 64
-#: Number of heliostats that are traced together.
-TRACED_BLOCK = 4096
 #: Maximum number of neighbours that shade a part of the field at low sun, and memory of one mirror. [1, bytes]
 HALO, BYTES_PER_MIRROR = 5000, 200
-#: Memory for the sums over the heliostats at one instant. [bytes]
-SUMS_BYTES = 640
 
 #: Memory for the frame of one mirror for a packet of sun directions. [bytes]
 FRAME_BYTES = packets.PACKET * 10 * 8
 
 _SIZES = ("heliostat.width", "heliostat.height")
 _KEEP = ("keep.heliostats", "keep.field_power", "keep.by", "keep.heat_power")
-#: Field variables, and the heliostat variables whose sums they are. Squared standard errors are also summed.
-_SUMS = {
-    "field_receiver_energy": "receiver_energy", "loss": "heliostat_loss",
-    "monthly_receiver_energy": "heliostat_monthly_receiver_energy",
-}  # fmt: skip
 #: Keys that label a result even if they are not swept.
 _LABELS = (
     *("site.latitude", "site.longitude", "time.azimuth", "time.elevation", "tracking"),
@@ -179,7 +171,7 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
     """Return the memory for neighbouring mirrors, values at all instants, and one block of heliostats. [bytes]"""
     heliostats, instants = longest(study), _instants(study)
     each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
-    each += 2 * SUMS_BYTES * (KEPT * is_series_traced(study) or has_heat(study))
+    each += 2 * 640 * (KEPT * is_series_traced(study) or has_heat(study))
     block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * heliostats * instants)
     block += images(study, heliostats, instants)[1]
     return min(heliostats, HALO) * FRAME_BYTES + heliostats * BYTES_PER_MIRROR + each * instants + block
@@ -385,7 +377,7 @@ def _complete(study: FieldEfficiencyStudy) -> bool:
 def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
     """Yield ranges of heliostats to compute together. The memory for their values at all instants limits each range."""
     length = max(LEAST_BLOCK, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
-    length = TRACED_BLOCK if study.optics is not None else length
+    length = 4096 if study.optics is not None else length  # mirrors that are traced together
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
@@ -449,7 +441,10 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
     if study.economics is not None:
         energy = computed["field_heat"].to_numpy() if "field_heat" in computed else made["field_receiver_energy"]
         made |= costs_of(points, made, energy)
-    for name, of in _SUMS.items():
+    for name, of in (
+        ("field_receiver_energy", "receiver_energy"), ("loss", "heliostat_loss"),
+        ("monthly_receiver_energy", "heliostat_monthly_receiver_energy"),
+    ):  # fmt: skip
         if f"{of}_error" in computed:
             made[f"{name}_error"] = np.sqrt(totals(np.nan_to_num(computed[f"{of}_error"].to_numpy()) ** 2, area))
     energies = {name: computed[name] for name in ("field_heat",) if name in computed}

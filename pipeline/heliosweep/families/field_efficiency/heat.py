@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 #: Stages at which the receiver loses energy.
 HEAT_STAGES = ("absorption", "thermal losses")
-#: Number of days in a year.
-YEAR = 365.0
 _LOSS_COLUMNS = {
     "power": Column("of the light on the receiver, in MW", required=True, least=0, bounds="at least 0 MW"),
     "losses": Column("of heat at this power, in MW", required=True, least=0, bounds="at least 0 MW"),
@@ -233,7 +231,7 @@ def costs_of(points: Points, made: Mapping[str, Floats], energy: Floats) -> dict
     for point in points:
         dates = len(set(study.time.date_list())) if isinstance(study.time, CivilTime) else None
         days[point.index] = dates or point.all_instants.labels["hours"].values.sum() / 24.0
-    total, yearly = cost["total_capital_cost"].to_numpy(), (energy * (YEAR / days)).ravel()
+    total, yearly = cost["total_capital_cost"].to_numpy(), (energy * (365.0 / days)).ravel()
     level, some = np.full(yearly.shape, np.nan), yearly > 0.0
     level[some] = levelized_cost(total[some], yearly[some], fixed_charge_rate=rate[some], operation=operation[some])
     items = cost["capital_cost"].transpose(..., "item").to_numpy().reshape(*shape, len(ITEMS))

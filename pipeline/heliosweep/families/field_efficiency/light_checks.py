@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 #: Polynomial models of attenuation, and their maximum slant range. [m]
 POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
-#: Kind of mount that a calibration must have for each tracking method.
-MOUNTS = {"azimuth_elevation": "azimuth_elevation", "spinning_elevation": "target_aligned"}
 
 
 def light_faults(
@@ -125,7 +123,7 @@ def _errors(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
     if errors is None or errors.calibration is None:
         return
     calibrated = read_calibration(study.resolve(errors.calibration), errors.calibration)
-    wanted = {MOUNTS[kind] for kind in ends(study.tracking)}
+    wanted = {"target_aligned" if kind == "spinning_elevation" else kind for kind in ends(study.tracking)}
     if calibrated.mount and wanted != {calibrated.mount}:
         message = f"is of {calibrated.mount} mounts, and 'tracking' is of {' and '.join(sorted(wanted))}"
         yield study.problem("optics.mount_errors.calibration", message)

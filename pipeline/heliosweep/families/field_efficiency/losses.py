@@ -1,9 +1,14 @@
-"""Losses from the tower's shadow, the site's horizon and heliostat outages: keys, tables and checks."""
+"""Losses from the tower's shadow, the site's horizon and heliostat outages, and the error budget of a field.
+
+The energy of a field is computed with all causes of the budget, without any cause, with each cause alone, and with all
+causes but one. The loss due to a cause is the loss with this cause alone. The difference between the total loss and the
+sum of these losses is the interaction of the causes. All energies use the same rays.
+"""
 
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -16,7 +21,9 @@ from heliosweep.config import (
     Column,
     Fault,
     FileName,
+    Invalid,
     ListOfNumbers,
+    Parameter,
     Quantity,
     Site,
     Sweep,
@@ -24,8 +31,9 @@ from heliosweep.config import (
     parse_timezone,
     read_table,
 )
-from heliosweep.energy import availability, exceedance
+from heliosweep.energy import INTERACTION, availability, budget_losses, exceedance
 from heliosweep.errors import Problem
+from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.files import read_once
 from heliosweep.grid import CAUSES, Variable, quantity
 from heliosweep.kernels.compiled import Floats
@@ -50,14 +58,6 @@ _HORIZON = {
 #: Stages at which incident energy is lost, in order along the light path.
 STAGES = ("horizon", "stow", "cosine", "tower", "shading", "blocking", "reflection", "attenuation", "spillage",
           "availability")  # fmt: skip
-_OUTAGES = {
-    "heliostat": Column("name, id or number of the heliostat", True, read=str, dtype=object, missing=""),
-    **{key: Column(f"{what} of the outage", True, read=lambda text: _moment(text), dtype=object,
-                   missing=dt.datetime(2000, 1, 1), names=names)
-       for key, what, names in (("from", "begin", ("begin", "start")), ("to", "end", ("end", "stop", "until")))},
-}  # fmt: skip
-#: Minimum number of weather files for one site that are treated as different years.
-YEARS = 3
 #: Annual energies with exceedance values, and the probability of exceedance for each value.
 _EXCEEDED, _PROBABILITIES = ("field_receiver_energy", "field_heat"), {"p50": 0.5, "p90": 0.9}
 
@@ -164,7 +164,7 @@ def causes(study: Any) -> tuple[str, ...]:
 def years_of(study: Any) -> str | None:
     """Return the dimension that contains several weather years of one site, or None."""
     for dim in study.dimensions() if study.weather is not None and study.sites is None else ():
-        if [*dim.sweeps] == ["weather.file"] and len(dim) >= YEARS:
+        if [*dim.sweeps] == ["weather.file"] and len(dim) >= 3:
             return str(dim.name)
     return None
 
@@ -249,7 +249,26 @@ class Outages(NamedTuple):
 @read_once(4)
 def read_outages(path: Path, name: str, zone: str) -> Outages:
     """Read a table of outages. Times without a UTC offset are in the time zone `zone`. Raises StudyError."""
-    table = read_table(path, name, _OUTAGES, rows="outages", most_rows=1_000_000)
+    table = read_table(
+        path,
+        name,
+        {
+            "heliostat": Column("name, id or number of the heliostat", True, read=str, dtype=object, missing=""),
+            **{
+                key: Column(
+                    f"{what} of the outage",
+                    True,
+                    read=_moment,
+                    dtype=object,
+                    missing=dt.datetime(2000, 1, 1),
+                    names=names,
+                )
+                for key, what, names in (("from", "begin", ("begin", "start")), ("to", "end", ("end", "stop", "until")))
+            },
+        },
+        rows="outages",
+        most_rows=1_000_000,
+    )
     names = tuple(table.texts("heliostat"))
     begin, end = (_to_utc(table.column(key), parse_timezone(zone)) for key in ("from", "to"))
     for row in np.flatnonzero(end <= begin).tolist():
@@ -360,3 +379,113 @@ def check_availability(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
             message = f"names heliostats that {layout.name} lacks: {few_of(unknown)}"
             yield study.problem("availability.outages", message)
             return
+
+
+#: Keys that a cause may contain.
+ALLOWED = (*(key for key in KEYS if not key.endswith((".seed", ".rays", ".precision"))), "tracking",
+           "availability.fraction")  # fmt: skip
+
+
+def causes_of(study: FieldEfficiencyStudy) -> dict[str, dict[str, Any]]:
+    """Return the causes of a study and the undisturbed values of their keys, in study units. Raises Invalid."""
+    declared = {key: parameter for key, parameter, _ in study.parameters()}
+    causes = {
+        cause: {key: _undisturbed(declared[key], raw) for key, raw in values.items()}
+        for cause, values in (study.budget or {}).items()
+    }
+    for values in causes.values():  # without a slope error in the study, mirrors without a map have none
+        if "optics.slope_map" in values and study.optics is not None and study.optics.slope_error is None:
+            values.setdefault("optics.slope_error", 0.0)
+    return causes
+
+
+def _undisturbed(parameter: Parameter, raw: Any) -> Any:
+    """Return the undisturbed value of a key, or None if the key refers to a file. Raises Invalid."""
+    if isinstance(parameter, FileName):
+        if raw != "none":
+            raise Invalid("must be none: a field without the cause has no such file")
+        return None
+    value = parameter.read(raw)
+    if isinstance(value, Sweep):
+        raise Invalid("must be one value")
+    return value
+
+
+def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
+    """Yield the problems found in a budget: unknown keys, invalid values, and missing blocks."""
+    if study.budget is None:
+        return
+    if study.weather is None:
+        yield study.problem("budget", "needs energies: add 'weather'")
+    declared, owner = {key: parameter for key, parameter, _ in study.parameters()}, dict[str, str]()
+    if not study.budget:
+        yield study.problem("budget", "has no cause: give {cause: {key: undisturbed value}}")
+    for cause, values in study.budget.items():
+        if not values or cause == INTERACTION:
+            message = (
+                "is reserved for the rest of the loss; use another name" if values else "has no key: give {key: value}"
+            )
+            yield study.source.problem(("budget", cause), message)
+        for key, raw in values.items():
+            wrong = _check_key(key, raw, declared.get(key))
+            if owner.setdefault(key, cause) != cause:
+                wrong = f"also belongs to the cause {owner[key]!r}; remove one of them"
+            if wrong:
+                yield study.source.problem(("budget", cause, key), wrong)
+
+
+def _check_key(key: str, raw: Any, parameter: Parameter | None) -> str:
+    """Return the problem with a key of a cause or its undisturbed value; empty if there is none."""
+    if key not in ALLOWED:
+        names = "tracking, availability.fraction, heliostat.focus, and keys of optics and receiver"
+        return f"cannot be a key of a cause: use {names}"
+    if parameter is None:
+        return "is not set in this study: a cause can only contain keys that have a value"
+    try:
+        _undisturbed(parameter, raw)
+    except Invalid as error:
+        return str(error)
+    return ""
+
+
+def budget_cases(study: FieldEfficiencyStudy) -> int:
+    """Return the number of additional field energies that the budget of one point needs."""
+    return 1 + 2 * len(study.budget) if study.budget else 0
+
+
+def budget_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
+    """Return the labels of the budget parts (causes and interaction) and the attributes of these labels."""
+    causes = tuple(study.budget or ())
+    words = {"long_name": "cause of a loss of energy"}
+    parts = (
+        np.array([*causes, INTERACTION], object),
+        words | {"comment": f"{INTERACTION}: loss of all causes minus the losses of each cause"},
+    )
+    return {"budget_part": parts, "budget_cause": (np.array(causes, object), words)} if causes else {}
+
+
+def budget_values(
+    study: FieldEfficiencyStudy, energies: Callable[[Mapping[str, Any]], tuple[Floats, Floats]], actual: float
+) -> dict[str, Floats]:
+    """Return the values of the budget variables at one point.
+
+    Parameters
+    ----------
+    study : FieldEfficiencyStudy
+        Study with a `budget`.
+    energies : callable
+        Function that computes the energy on the receiver and the energy lost at each stage for given key values. [MWh]
+    actual : float
+        Energy on the receiver with all causes. [MWh]
+    """
+    causes = causes_of(study)
+    every = {key: value for values in causes.values() for key, value in values.items()}
+    undisturbed, stages = energies(every)
+    others = [{key: every[key] for key in every if key not in values} for values in causes.values()]
+    alone, without = (np.array([energies(values)[0] for values in cases]) for cases in (others, causes.values()))
+    return {
+        "budget_energy": np.asarray(undisturbed),
+        "budget_stage_loss": stages,
+        "budget_loss": budget_losses(undisturbed, actual, alone),
+        "budget_gain": without - actual,
+    }

@@ -30,32 +30,6 @@ from heliosweep.families.field_efficiency.heat import ThermalLosses
 from heliosweep.families.mount_errors import NOT_DRAWN, MountAngles
 from heliosweep.kernels.mounts import ERRORS
 
-SUN_SHAPES = {
-    "pillbox": "a uniform disc of 4.65 mrad",
-    "gaussian": "a Gaussian of 2.73 mrad per axis",
-    "limb_darkened": "a disc of 4.65 mrad, darker at its limb by 0.56",
-    "jose": "the disc of Jose (1957) as in backward gazing",
-    "buie": "disc and aureole of Buie et al. (2003), by circumsolar_ratio",
-    "table": "measured: a file with angles and brightness",
-}
-ATTENUATION = {
-    "none": "no losses in the air",
-    "delsol_clear": "DELSOL3, visibility 23 km",
-    "delsol_hazy": "DELSOL3, visibility 5 km",
-    "leary_hankins": "Leary and Hankins (1979), MIRVAL",
-    "ballestrin_clear": "Ballestrin and Marzo (2012), clear",
-    "ballestrin_hazy": "Ballestrin and Marzo (2012), hazy",
-    "vant_hull": "Vant-Hull, by visibility, water_vapour, altitude of the site and height of the receiver",
-}
-#: Former values of `optics.method`, which are accepted but have no effect.
-METHODS = {"accurate": "light is traced by rays", "gaussian": "light is traced by rays"}
-RECEIVERS = {
-    "rectangle": "a flat face, aimed at its centre",
-    "cavity": "the rectangular aperture of a cavity, aimed at its centre",
-    "cylinder": "the outside of an upright cylinder; each heliostat aims at the surface point that faces it",
-}
-CANTING = {"none": "all facets in one plane", "on_axis": "facets tilted for the slant range of each heliostat"}
-
 
 @dataclass(frozen=True)
 class Focus(Quantity):
@@ -91,7 +65,14 @@ class FacetGrid(Block):
         int, Quantity("Facets along the height", "1", ge=1, le=50, integer=True, sweep=False, dimension="facet_rows")
     ]
     gap: Annotated[float, Quantity("Gap between facets", "m", ge=0, sweep=False, dimension="facet_gap")] = 0.0
-    canting: Annotated[str | Sweep, Choice("Canting of the facets", CANTING, title="canting of the facets")] = "none"
+    canting: Annotated[
+        str | Sweep,
+        Choice(
+            "Canting of the facets",
+            {"none": "all facets in one plane", "on_axis": "facets tilted for the slant range of each heliostat"},
+            title="canting of the facets",
+        ),
+    ] = "none"
 
 
 class Heliostat(HeliostatBlock):
@@ -110,9 +91,20 @@ class Heliostat(HeliostatBlock):
 class Receiver(ReceiverPoint):
     """The receiver: the aim point of all heliostats and, with 'optics', the surface around it."""
 
-    kind: Annotated[str | None, Choice("Shape of the receiver", RECEIVERS, sweep=False, dimension="receiver_kind")] = (
-        None
-    )
+    kind: Annotated[
+        str | None,
+        Choice(
+            "Shape of the receiver",
+            {
+                "rectangle": "a flat face, aimed at its centre",
+                "cavity": "the rectangular aperture of a cavity, aimed at its centre",
+                "cylinder": "the outside of an upright cylinder; each heliostat aims at the surface point that "
+                "faces it",
+            },
+            sweep=False,
+            dimension="receiver_kind",
+        ),
+    ] = None
     azimuth: Annotated[
         float | Sweep | None,
         Quantity("Azimuth that a rectangle or cavity faces, clockwise from north; 0 faces a field in the north", "deg",
@@ -160,7 +152,22 @@ class Receiver(ReceiverPoint):
 class SunShape(Block):
     """Brightness of the sun as a function of the angle from its centre."""
 
-    kind: Annotated[str | Sweep, Choice("Sun shape", SUN_SHAPES, dimension="sun_shape", title="sun shape")]
+    kind: Annotated[
+        str | Sweep,
+        Choice(
+            "Sun shape",
+            {
+                "pillbox": "a uniform disc of 4.65 mrad",
+                "gaussian": "a Gaussian of 2.73 mrad per axis",
+                "limb_darkened": "a disc of 4.65 mrad, darker at its limb by 0.56",
+                "jose": "the disc of Jose (1957) as in backward gazing",
+                "buie": "disc and aureole of Buie et al. (2003), by circumsolar_ratio",
+                "table": "measured: a file with angles and brightness",
+            },
+            dimension="sun_shape",
+            title="sun shape",
+        ),
+    ]
     circumsolar_ratio: Annotated[
         float | Sweep | None,
         Quantity("Fraction of the light from the aureole, for buie", "1", ge=0.001, le=0.8,
@@ -270,7 +277,19 @@ class Optics(Block):
     ] = None
     attenuation: Annotated[
         str | Sweep,
-        Choice("Attenuation by the air between mirror and receiver", ATTENUATION, title="attenuation in air"),
+        Choice(
+            "Attenuation by the air between mirror and receiver",
+            {
+                "none": "no losses in the air",
+                "delsol_clear": "DELSOL3, visibility 23 km",
+                "delsol_hazy": "DELSOL3, visibility 5 km",
+                "leary_hankins": "Leary and Hankins (1979), MIRVAL",
+                "ballestrin_clear": "Ballestrin and Marzo (2012), clear",
+                "ballestrin_hazy": "Ballestrin and Marzo (2012), hazy",
+                "vant_hull": "Vant-Hull, by visibility, water_vapour, altitude of the site and height of the receiver",
+            },
+            title="attenuation in air",
+        ),
     ] = "none"
     visibility: Annotated[
         float | Sweep | None,
@@ -341,7 +360,12 @@ class Optics(Block):
     ] = 0  # fmt: skip
     method: Annotated[
         str | None,
-        Choice("No longer used, because light is traced by rays", METHODS, sweep=False, dimension="intercept_method"),
+        Choice(
+            "No longer used, because light is traced by rays",
+            {"accurate": "light is traced by rays", "gaussian": "light is traced by rays"},
+            sweep=False,
+            dimension="intercept_method",
+        ),
     ] = None
 
     def rules(self) -> Iterator[Fault]:

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config import WeatherTime
-from heliosweep.families.field_efficiency.budget import budget_cases
 from heliosweep.families.field_efficiency.chain import Geometry, Way
 from heliosweep.families.field_efficiency.flux import IRRADIANCE, flux_cells
 from heliosweep.families.field_efficiency.heat import has_heat
-from heliosweep.families.field_efficiency.losses import Available
+from heliosweep.families.field_efficiency.losses import Available, budget_cases
 from heliosweep.families.field_efficiency.values import Hours, Values, chain_of_energies, powers
 from heliosweep.families.field_efficiency.variables import (
     EFFICIENCIES,
@@ -43,7 +42,6 @@ RANKING = 8.0
 DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
 #: Usual number of rays for a year, number of instants below which it is increased, and factor for a flux map. [1]
 USUAL_RAYS, MANY_INSTANTS, MAPPED = 64, 2440, 2
-STRIDES = (1, 5, 7, 11, 23, 47, 71)
 #: Efficiencies that depend on the instant.
 _OF_INSTANTS = (*EFFICIENCIES, LIGHT[0], LIGHT[-1])
 #: Maximum number of pairs of heliostat and group whose sums are reused at the next point.
@@ -79,7 +77,7 @@ def drawn_step(optics: Any, pairs: int) -> int:
     if optics.rays is not None:
         return 1
     wanted = pairs * LIT * ((optics.precision or DRAWN_PRECISION) / SCATTER) ** 2
-    return max(step for step in STRIDES if step <= max(1.0, wanted))
+    return max(step for step in (1, 5, 7, 11, 23, 47, 71) if step <= max(1.0, wanted))
 
 
 class TracedField(NamedTuple):

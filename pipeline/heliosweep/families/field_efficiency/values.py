@@ -256,11 +256,6 @@ def land_area(x: Floats, y: Floats, radius: float) -> float:
     return float(hull.area + radius * around + math.pi * radius**2)
 
 
-#: Squared sine below which the normal is treated as parallel to the primary axis, as in the kernel. The primary angle
-#: is then undefined.
-_ALONG = 1e-30
-
-
 def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
     """Number the courses: runs of successive instants of one day with the sun above the horizon.
 
@@ -306,7 +301,7 @@ def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
         across = np.hypot(right, above)
         primary = np.degrees(np.arctan2(right, above))
         secondary = np.degrees(np.arctan2(across, to_target @ s)) / 2
-    primary[across**2 < _ALONG] = np.nan
+    primary[across**2 < 1e-30] = np.nan
     return np.stack([primary, secondary])
 
 

@@ -91,9 +91,9 @@ _NOISY = (
     *("receiver_energy", "field_receiver_energy", "heliostat_monthly_receiver_energy", "monthly_receiver_energy"),
     *("heliostat_loss", "loss", "instantaneous_total_efficiency", "field_instantaneous_total_efficiency"),
 )  # fmt: skip
-_MAPS = ("flux_map", "peak_flux", "mean_flux", "energy_flux_map")
 _DRAWN_NOISY = tuple(f"{of}{name}" for of in ("", "field_") for name in
                      ("optical_efficiency", "intercept_efficiency", "total_efficiency", "receiver_energy"))  # fmt: skip
+_MAPS = ("flux_map", "peak_flux", "mean_flux", "energy_flux_map")
 #: Number of months in a year.
 MONTHS = 12
 #: Angles of the mount.
@@ -132,9 +132,6 @@ _COUNTED = (
 #: Variables of the mount angles over the period.
 MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, *_ in _MOTION)
 _IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
-#: Variables whose best value is the minimum. Sizes and angles have no best value.
-_SMALLEST = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit", "limit_loss", "total_capital_cost",
-             "levelized_cost_of_heat")  # fmt: skip
 
 
 #: Required study properties, name, dimensions, True if computed from complete fields, units, long name, comment and
@@ -343,8 +340,9 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     optics, properties, words = study.optics, _properties(study), _words(study)
     by_month = optics is not None and optics.cleanliness_by_month is not None
     constant = frozenset(("attenuation_efficiency", *["reflection_efficiency"] * (not by_month)))
-    mean = _WEIGHTED if "weather" in properties else _MEAN
-    table = rows(optics is not None, "directions" in properties, mean, constant)
+    table = rows(
+        optics is not None, "directions" in properties, _WEIGHTED if "weather" in properties else _MEAN, constant
+    )  # fmt: skip
     found = {row[1]: _declared(row, words) for row in table if properties.issuperset(row[0].split())}
     for name in (*(_NOISY if study.sample is None else _DRAWN_NOISY), *_MAPS) if optics is not None else ():
         if name in found:
@@ -354,6 +352,9 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
             }  # fmt: skip
             found[f"{name}_error"] = replace(found[name], attrs=attrs)
     found |= year_variables(study, found)
-    fewest = ("field_heliostats", "field_mirror_area") if study.keep and study.keep.heliostats is None else ()
     best = ("receiver_energy", "energy_per_mirror_area", "hours_used", "power", "heat", "_efficiency", FACTORED)
-    return with_best(found, [name for name in found if name.endswith(best)], (*_SMALLEST, *fewest))
+    smallest = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit", "limit_loss", "total_capital_cost",
+                "levelized_cost_of_heat")  # fmt: skip
+    if study.keep and study.keep.heliostats is None:  # the minimum number of heliostats for a given power
+        smallest += ("field_heliostats", "field_mirror_area")
+    return with_best(found, [name for name in found if name.endswith(best)], smallest)
