@@ -42,7 +42,7 @@ from heliosweep.kernels.field.unions import (
     write_axes,
     write_square,
 )
-from heliosweep.kernels.vectors import GROUP, ROW, dot, get, put, rows
+from heliosweep.kernels.vectors import GROUP, ROW, dot, get, put, rows, store
 
 
 class SortedField(NamedTuple):
@@ -181,7 +181,8 @@ def field_series(field: SortedField, tracking: int, sun: Floats, start: int, sto
         Cosine, shading, blocking and optical efficiency; NaN if the sun is at or below the horizon. [1]
     """
     series = np.full((4, len(sun), stop - start if stop > start else 0), np.nan)
-    _sweep(field, tracking, sun, start, stop, series, np.empty(0), np.empty(0, np.int64), np.empty((0, 0, 0)))
+    weight, period = np.ones(len(sun)), np.zeros(len(sun), np.int64)
+    _sweep(field, tracking, sun, start, stop, series, weight, period, np.empty((0, 0, 0)))
     return series
 
 
@@ -211,9 +212,10 @@ def _sweep(
     if len(tests) and len(up):
         rows = field.names[tests] - start
         order = up[order]
+        turn = np.lexsort((period[order], np.repeat(np.arange(len(first) - 1), np.diff(first))))
         sweep(
-            field.mirrors, field.cells, field.tower, tracking, sun, order, first, tests, rows, series, weight, period,
-            sums,
+            field.mirrors, field.cells, field.tower, tracking, sun, order, first, turn, tests, rows, series, weight,
+            period, sums,
         )  # fmt: skip
 
 
@@ -233,8 +235,10 @@ class Lines(NamedTuple):
     views: Floats
     #: Areas of the unions of images on the test mirror: shaded, blocked, and shaded or blocked.
     total: Floats
-    #: Cosine, shading, blocking and optical efficiency; cosine times shading; cosine times shading times blocking; and
-    #: cosine times the part that the tower does not shade. [1]
+    #: Weight of each lane.
+    weight: Floats
+    #: Weighted cosine, shading, blocking and optical efficiency; cosine times shading; cosine times shading times
+    #: blocking; and cosine times the part that the tower does not shade.
     result: Floats
     #: Frames of mirrors, see `packets.write_frame`. [m]
     frames: Floats
@@ -251,6 +255,7 @@ def sweep(
     sun: Floats,
     order: Integers,
     first: Integers,
+    turn: Integers,
     tests: Integers,
     names: Integers,
     series: Floats,
@@ -272,10 +277,12 @@ def sweep(
         Unit vectors to the sun. [1]
     order, first : ndarray
         Packets, from `packets.packet_order`.
+    turn : ndarray
+        Order in which the instants of each packet are summed: indices of `order`, by periods.
     tests, names : ndarray, shape (n,)
         Heliostats, and their rows in the results.
     series : ndarray, shape (4, T, n), or (4, 0, 0) if no series is written
-        Cosine, shading, blocking and optical efficiency. [1]
+        Cosine, shading, blocking and optical efficiency, times the weight. [1]
     weight, period : ndarray, shape (T,)
         Weight and period of each instant.
     sums : ndarray, shape (n, P, 7), or (n, 0, 7) if nothing is summed
@@ -283,9 +290,13 @@ def sweep(
         times blocking; and of cosine times the part that the tower does not shade.
     """
     count = mirrors.throw.shape[0]
-    found, place = np.empty(2 * count, np.int64), np.full(count, -1)
-    lines = Lines(rows(3), rows(3), rows(6), rows(3), rows(_QUANTITIES), np.empty(64 * FRAME), place)
-    images, room = images_of(16), room_for(16)
+    # room for 16 images; memory of frames is not occupied before it is used
+    found, place, frames = np.empty(2 * count, np.int64), np.empty(count, np.int64), rows((_KEPT + 18) * 7)
+    lines, images, room = (
+        Lines(rows(3), rows(3), rows(6), rows(3), rows(1), rows(_QUANTITIES), frames, place),
+        images_of(16),
+        room_for(16),
+    )
     blockers, begins = np.empty(0, np.int64), np.zeros(tests.shape[0] + 1, np.int64)
     for fill in range(2):  # the first pass counts, the second pass writes
         for t in range(tests.shape[0]):
@@ -299,38 +310,55 @@ def sweep(
         packet = order[first[p] : first[p + 1]]
         lanes = -(-packet.shape[0] // GROUP) * GROUP
         for k in range(lanes):  # padded to whole groups with the last lane
+            when = packet[min(k, packet.shape[0] - 1)]
+            lines.weight[k] = weight[when]
             for c in range(3):
-                lines.to_sun[c * ROW + k] = sun[packet[min(k, packet.shape[0] - 1)], c]
-        bundle, used = beam(lines.to_sun, packet.shape[0]), np.int64(0)
-        lines.place[:] = -1
-        for t in range(tests.shape[0]):
-            i = tests[t]
-            for c in range(3):
-                lines.to_target[c * ROW : c * ROW + lanes] = mirrors.aim[i, c]
-            shaders = search(i, bundle, np.inf, mirrors, cells, found)
-            most = 1 + shaders + begins[t + 1] - begins[t]
+                lines.to_sun[c * ROW + k] = sun[when, c]
+        t, bundle = 0, beam(lines.to_sun, packet.shape[0])
+        while t < tests.shape[0]:
+            t, most = _sweep_packet(
+                t, tests, bundle, mirrors, cells, tower, tracking, found, blockers, begins, lines, images, room, order,
+                first[p], first[p + 1], turn, names, series, period, sums,
+            )  # fmt: skip
             if most > images.present.shape[0]:
-                images, room = images_of(2 * most), room_for(2 * most)
-            if used > _KEPT * (ROW // lanes) or _frame(used + most + 1, lanes) + FRAME > lines.frames.shape[0]:
-                lines.place[:] = -1
-                used = np.int64(0)
-                if _frame(_KEPT * (ROW // lanes) + most + 1, lanes) + FRAME > lines.frames.shape[0]:
-                    frames = rows(2 * (_KEPT + most + 1) * 7)
-                    lines = Lines(lines.to_sun, lines.to_target, lines.views, lines.total, lines.result, frames, place)
-            used = _sweep_one(
-                i,
-                mirrors,
-                tower,
-                tracking,
-                found[:shaders],
-                blockers[begins[t] : begins[t + 1]],
-                lines,
-                images,
-                room,
-                used,
-                lanes,
-            )
-            _write(lines.result, packet, names[t], series, weight, period, sums)
+                images, room, frames = images_of(2 * most), room_for(2 * most), rows((_KEPT + 2 * most + 2) * 7)
+                lines = Lines(
+                    lines.to_sun, lines.to_target, lines.views, lines.total, lines.weight, lines.result, frames, place
+                )
+
+
+@inner
+def _sweep_packet(
+    t, tests, bundle, mirrors, cells, tower, tracking, found, blockers, begins, lines, images, room, order, start, stop,
+    turn, names, series, period, sums,
+):  # fmt: skip
+    """Process a packet for the test heliostats from number t; return the next one and its number of candidates."""
+    lanes, used = -(-(stop - start) // GROUP) * GROUP, np.int64(0)
+    for m in range(lines.place.shape[0]):
+        lines.place[m] = -1
+    while t < tests.shape[0]:
+        i = tests[t]
+        shaders = search(i, bundle, np.inf, mirrors, cells, found)
+        most = shaders + begins[t + 1] - begins[t] + 1
+        if most > images.present.shape[0]:  # not enough room
+            return t, most
+        if used > _KEPT * (ROW // lanes):
+            for m in range(lines.place.shape[0]):
+                lines.place[m] = -1
+            used = np.int64(0)
+        for k in range(lanes):
+            store(lines.to_target, 0, k, (mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]))
+        used = _sweep_one(
+            i, mirrors, tower, tracking, found[:shaders], blockers[begins[t] : begins[t + 1]], lines, images, room,
+            used, lanes,
+        )  # fmt: skip
+        for c in range(4 if series.shape[2] > 0 else 0):
+            for k in range(stop - start):
+                series[c, order[start + k], names[t]] = lines.result[c * ROW + k]
+        if sums.shape[1] > 0:
+            _add_to_sums(lines.result, order, start, stop, turn, period, sums[names[t]])
+        t += 1
+    return t, 0
 
 
 @inline
@@ -345,7 +373,7 @@ def _frame(count, lanes):
 
 @inner
 def _sweep_one(i, mirrors, tower, tracking, shaders, blockers, lines, images, room, used, lanes):
-    """Write the efficiencies of test heliostat i at the instants of a packet; return the number of frames."""
+    """Write the weighted efficiencies of test heliostat i in a packet; return the number of frames."""
     used = _have_frame(i, mirrors, tracking, lines, used, lanes)
     shading = _shade_by_tower(i, mirrors, tower, lines, images, room, lanes)
     shading, used = _make_images(i, shaders, mirrors, tracking, lines, lines.to_sun, images, shading, used, lanes)
@@ -354,13 +382,14 @@ def _sweep_one(i, mirrors, tower, tracking, shaders, blockers, lines, images, ro
     row = lines.place[i] + COSINE  # outside the loop, which is vectorised only without this load
     for k in range(lanes):
         cosine, shading_efficiency = get(lines.frames, row, k), _left(get(lines.total, 0, k))
-        put(lines.result, 0, k, cosine)
-        put(lines.result, ROW, k, shading_efficiency)
-        put(lines.result, 2 * ROW, k, _left(get(lines.total, ROW, k)))
-        put(lines.result, 3 * ROW, k, cosine * _left(get(lines.total, 2 * ROW, k)))
-        put(lines.result, 4 * ROW, k, cosine * shading_efficiency)
-        put(lines.result, 5 * ROW, k, cosine * shading_efficiency * get(lines.result, 2 * ROW, k))
-        put(lines.result, 6 * ROW, k, cosine * get(lines.result, 6 * ROW, k))
+        blocking_efficiency, one = _left(get(lines.total, ROW, k)), get(lines.weight, 0, k)
+        put(lines.result, 0, k, one * cosine)
+        put(lines.result, ROW, k, one * shading_efficiency)
+        put(lines.result, 2 * ROW, k, one * blocking_efficiency)
+        put(lines.result, 3 * ROW, k, one * (cosine * _left(get(lines.total, 2 * ROW, k))))
+        put(lines.result, 4 * ROW, k, one * (cosine * shading_efficiency))
+        put(lines.result, 5 * ROW, k, one * (cosine * shading_efficiency * blocking_efficiency))
+        put(lines.result, 6 * ROW, k, one * (cosine * get(lines.result, 6 * ROW, k)))
     return used
 
 
@@ -412,15 +441,25 @@ def _left(covered):
 
 
 @inner
-def _write(result, packet, t, series, weight, period, sums):
-    """Write the results of one heliostat and packet to `series`, and add them to the sums of each period."""
-    for c in range(4 if series.shape[2] > 0 else 0):
-        for k in range(packet.shape[0]):
-            series[c, packet[k], t] = result[c * ROW + k]
-    for k in range(packet.shape[0] if sums.shape[1] > 0 else 0):
-        when, one = period[packet[k]], weight[packet[k]]
-        for c in range(_QUANTITIES):
-            sums[t, when, c] += one * get(result, c * ROW, k)
+def _add_to_sums(result, order, start, stop, turn, period, sums):
+    """Add the results of one heliostat and packet to its sums of each period."""
+    n = start
+    while n < stop:
+        when = period[order[turn[n]]]
+        a, b, c, d, e, f, g = (sums[when, 0], sums[when, 1], sums[when, 2], sums[when, 3], sums[when, 4], sums[when, 5],
+                               sums[when, 6])  # fmt: skip
+        while n < stop and period[order[turn[n]]] == when:
+            k = turn[n] - start
+            a, b, c, d = (
+                a + get(result, 0, k),
+                b + get(result, ROW, k),
+                c + get(result, 2 * ROW, k),
+                d + get(result, 3 * ROW, k),
+            )
+            e, f, g = e + get(result, 4 * ROW, k), f + get(result, 5 * ROW, k), g + get(result, 6 * ROW, k)
+            n += 1
+        sums[when, 0], sums[when, 1], sums[when, 2], sums[when, 3] = a, b, c, d
+        sums[when, 4], sums[when, 5], sums[when, 6] = e, f, g
 
 
 #: Maximum number of corners of an outline: four, one for the cut by the plane of the mirror, and one for each of its

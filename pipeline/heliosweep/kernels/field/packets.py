@@ -54,23 +54,37 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
     first : ndarray, shape (P + 1,)
         Packet p is ``order[first[p] : first[p + 1]]`` and is never empty.
     """
-    order, ends = [np.empty(0, np.int64)], [0]
-    waiting = [(np.arange(len(sun)), False)] if len(sun) else []
+    packets, waiting = [], [np.arange(len(sun))] if len(sun) else []
     while waiting:
-        some, within = waiting.pop()
+        some = waiting.pop()
         here, count = sun[some], len(some)
         spread = np.ptp(here, axis=0)
-        if not within and (count == 1 or (count <= PACKET and count * spread.max() <= _LIMIT * here[:, 2].min())):
-            ends.append(ends[-1] + count)
-            within = True
-        if within and count <= GROUP:
-            order.append(np.sort(some))
+        if count == 1 or (count <= PACKET and count * spread.max() <= _LIMIT * here[:, 2].min()):
+            packets.append(some)
             continue
         rising = some[np.argsort(here[:, spread.argmax()], kind="stable")]
-        unit = GROUP if within else PACKET if count > PACKET else 1  # full packets if there is more than one
+        unit = PACKET if count > PACKET else 1  # full packets if there is more than one
         middle = (-(-count // unit) + 1) // 2 * unit
-        waiting += [(rising[middle:], within), (rising[:middle], within)]
-    return np.concatenate(order), np.array(ends)
+        waiting += [rising[middle:], rising[:middle]]
+    sizes = np.array([len(each) for each in packets], np.int64)
+    first = np.concatenate(([0], np.cumsum(sizes)))
+    order = np.concatenate([np.empty(0, np.int64), *packets])
+    for size in np.unique(sizes):  # all packets of one size together
+        places = first[:-1][sizes == size][:, np.newaxis] + np.arange(size)
+        order[places] = _groups(sun, order[places])
+    return order, first
+
+
+def _groups(sun: Floats, packets: Integers) -> Integers:
+    """Divide packets of one size, shape (P, size), into groups of similar instants."""
+    size = packets.shape[1]
+    if size <= GROUP:
+        return np.sort(packets, axis=1)
+    here, middle = sun[packets], (-(-size // GROUP) + 1) // 2 * GROUP
+    widest = np.ptp(here, axis=1).argmax(axis=1)[:, np.newaxis, np.newaxis]
+    key = np.take_along_axis(here, widest, axis=2)[:, :, 0]
+    rising = np.take_along_axis(packets, np.argsort(key, axis=1, kind="stable"), axis=1)
+    return np.concatenate((_groups(sun, rising[:, :middle]), _groups(sun, rising[:, middle:])), axis=1)
 
 
 #: Code of target-aligned mounts: the first axis is along r, and the width axis u = unit(r x s) is normal to the plane
