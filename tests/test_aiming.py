@@ -64,7 +64,10 @@ def images_of_a_field():
     field = [(12.0 * x, 50.0 + 12.0 * y, 4.0) for x in range(-5, 5) for y in range(6)]
     scene = light.field_scene(field, RECEIVER, **OPTICS)
     points = aiming.aim_grid(scene.receiver, scene.centre, 5, 3, np.radians(40.0))
-    sun, share = light.sun_directions(180.0, 45.0)[0], light.mirror_area(*scene.sides.T, scene.facets) * 1.0
+    sun, share = (
+        light.sun_directions(180.0, 45.0)[0],
+        light.mirror_area(scene.sides[:, 0], scene.sides[:, 1], scene.facets) * 1.0,
+    )
     flux = aiming.aim_images(scene, sun, points, cells=(20, 36), share=share)
     power = aiming.image_powers(flux, scene.receiver, (20, 36), 15)
     return power, flux, np.full(720, 0.3 * aiming._load(flux, power.argmax(axis=0)).max())

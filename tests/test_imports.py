@@ -109,4 +109,4 @@ def test_the_public_names():
     assert all(getattr(heliosweep, name) is not None for name in heliosweep.__all__)
     assert heliosweep.RunInterrupted.exit_code == 4
     with pytest.raises(AttributeError, match="module 'heliosweep' has no attribute 'nothing'"):
-        _ = heliosweep.nothing
+        _ = heliosweep.nothing  # type: ignore[attr-defined]

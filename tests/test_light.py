@@ -40,7 +40,7 @@ def test_an_instant_of_a_reference_field():
     assert found.peak_flux.values == pytest.approx(cells[:2].max(axis=(1, 2)) / area, rel=0.01)
     power = (found.receiver_efficiency * 63.0).sum("heliostat")
     assert (found.flux_map.sum(("flux_row", "flux_column")) * area).values == pytest.approx(power.values, rel=1e-12)
-    assert np.array_equal(light.mirror_area(*made.sides.T, made.facets), np.full(82, 63.0))
+    assert np.array_equal(light.mirror_area(made.sides[:, 0], made.sides[:, 1], made.facets), np.full(82, 63.0))
     assert not rays.trace(made, SUNS[:0]).sums.any()
 
 

@@ -74,3 +74,4 @@ from heliosweep.sun import sun_position as sun_position
 from heliosweep.sun import sun_position_solar as sun_position_solar
 
 __version__: str
+__all__: list[str]

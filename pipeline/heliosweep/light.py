@@ -659,7 +659,7 @@ def cell_area(receiver: kernel.Receiver, cells: Any) -> float:
 
 def _map_variables(maps: Sequence[NDArray[Any]], dims: tuple[str, ...], units: str, words: str) -> dict[str, Any]:
     """Return flux maps and their peaks with standard errors, from the maps of each replicate at the given instants."""
-    found = {}
+    found = dict[str, Any]()
     for name, cells, of, way in (
         ("flux_map", _CELLS, kernel.mean_error, "mean of each cell"),
         ("peak_flux", (), kernel.peak, "maximum over the cells"),

@@ -60,36 +60,28 @@ _LEVEL = 1e-12
 
 
 @inline
-def primary_axis(kind: int, latitude: float, axis_azimuth: float, to_target: Vector) -> tuple[Vector, Vector]:
-    """Return the primary axis z of a mount and the axis x of its frame; the axis y is the zero of the primary angle.
+def mount_frame(kind: int, latitude: float, axis_azimuth: float, to_target: Vector) -> Matrix:
+    """Return the axes x, y, z of a mount: z is the primary axis, and y the zero of the primary angle. [1]
 
-    Azimuth-elevation mounts have x east and z up. Target-aligned mounts have z to the aim point and y as near to
-    vertical as possible (north if z is vertical). Polar mounts have x east and z to the celestial north pole. Tilt-roll
-    mounts have z horizontal towards `axis_azimuth` and y up.
+    Azimuth-elevation mounts have x east and z up. Target-aligned mounts have z along `to_target`, the vector from the
+    pivot to the aim point [m], and y as near to vertical as possible (north if z is vertical). Polar mounts have x east
+    and z to the celestial north pole at `latitude` [rad]. Tilt-roll mounts have z horizontal towards `axis_azimuth`
+    [rad] and y up.
     """
-    if kind == AZIMUTH_ELEVATION:
-        return (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+    x, z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
     if kind == TARGET_ALIGNED:
         z = unit(to_target)
         level = math.sqrt(z[0] * z[0] + z[1] * z[1])
         if level >= _LEVEL:
-            return z, (-z[1] / level, z[0] / level, 0.0)
-        sign = math.copysign(1.0, z[2])
-        return (0.0, 0.0, sign), (sign, 0.0, 0.0)
-    if kind == POLAR:
-        return (0.0, math.cos(latitude), math.sin(latitude)), (1.0, 0.0, 0.0)
-    sine, cosine = math.sin(axis_azimuth), math.cos(axis_azimuth)
-    return (sine, cosine, 0.0), (-cosine, sine, 0.0)
-
-
-@inline
-def mount_frame(kind: int, latitude: float, axis_azimuth: float, to_target: Vector) -> Matrix:
-    """Return the axes x, y, z of a mount, see `primary_axis`. [1]
-
-    Polar mounts use `latitude` [rad], tilt-roll mounts `axis_azimuth` [rad], and target-aligned mounts the vector from
-    the pivot to the aim point [m].
-    """
-    z, x = primary_axis(kind, latitude, axis_azimuth, to_target)
+            x = (-z[1] / level, z[0] / level, 0.0)
+        else:
+            sign = math.copysign(1.0, z[2])
+            x, z = (sign, 0.0, 0.0), (0.0, 0.0, sign)
+    elif kind == POLAR:
+        z = (0.0, math.cos(latitude), math.sin(latitude))
+    elif kind == TILT_ROLL:
+        sine, cosine = math.sin(axis_azimuth), math.cos(axis_azimuth)
+        x, z = (-cosine, sine, 0.0), (sine, cosine, 0.0)
     return x, cross(z, x), z
 
 
@@ -168,8 +160,6 @@ def point(n, ce, se, cm, sm):
     return cg, (y * nx - x * ny) * inverse, y * each, up * each, margin
 
 
-#: Axes X, Y, Z of a face. [1]
-Face = tuple[Vector, Vector, Vector]
 #: Statuses of spots. `REACHES`: The ray reaches the plane of the receiver; the spot is NaN for all other statuses.
 #: `MISSES`: The ray points away from the plane or along it, or the sun lights the back of the mirror. `BEHIND_FACE`:
 #: The pivot or the mirror centre lies on the plane of the receiver or behind it. `NO_SUN`: The sun is not above the
@@ -213,7 +203,7 @@ def compiled_setting(setting: Setting) -> Setting:
 
 
 @inline
-def face_vectors(azimuth: float, tilt: float) -> Face:
+def face_vectors(azimuth: float, tilt: float) -> Matrix:
     """Return the face axes X, Y, Z for azimuth (clockwise from north) and tilt (up) of the outward normal. [rad, 1]"""
     sine, cosine, up, out = math.sin(azimuth), math.cos(azimuth), math.sin(tilt), math.cos(tilt)
     return (out * sine, out * cosine, up), (-cosine, sine, 0.0), (-up * sine, -up * cosine, out)
@@ -225,7 +215,7 @@ def face_axes(azimuth: float, tilt: float) -> NDArray[np.float64]:
 
 
 @inline
-def trace(p: Vector, n: Vector, s: Vector, face: Face) -> tuple[float, float, int]:
+def trace(p: Vector, n: Vector, s: Vector, face: Matrix) -> tuple[float, float, int]:
     """Return the spot of the sun's ray that a mirror at p reflects: p + l R with R = 2 (s.n) n - s.
 
     The unit vector s points to the sun, n is the unit normal. The mirror centre p is relative to the aim point [m].

@@ -61,8 +61,6 @@ MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 #: Binary logarithm of the maximum number of points of a replicate for each heliostat and instant: the first value
 #: applies if the user sets the number of rays, the second if a precision determines it.
 _MOST_POWER, _PILOT_POWER = 19, 16
-#: Number of heliostats whose images are traced at a time.
-_IMAGES = 64
 #: Maximum number of rays of a heliostat and instant if a precision determines it.
 MOST = REPLICATES << _PILOT_POWER
 
@@ -757,7 +755,7 @@ def trace(
     # More parts than threads, so that all threads end at nearly the same time.
     threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
-    parts = max(parts, (stop - start) // _IMAGES) if images else parts
+    parts = max(parts, (stop - start) // 64) if images else parts
     edges = np.linspace(start, stop, max(parts, 1) + 1).astype(int)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         flux, whole = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64), np.zeros((REPLICATES, instants, QUANTITIES))

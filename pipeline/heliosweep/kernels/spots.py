@@ -78,7 +78,7 @@ from heliosweep.kernels.mounts import (
     MISSES,
     NO_SUN,
     REACHES,
-    Face,
+    Matrix,
     Setting,
     aimed,
     back,
@@ -100,8 +100,6 @@ CANTING, ENCODER, TILT = range(3)
 #: mirror. `ENCODER_AZIMUTH`: The primary axis, with reversed sign.
 ELEVATION, AZIMUTH, ENCODER_AZIMUTH = range(3)
 
-#: Coefficients l0, l1 [1] and l2 [m] of the line l0 y + l1 z = l2.
-Line = Vector
 #: Coefficients of a trigonometric polynomial of the error: 1, cos, sin, cos 2, sin 2, cos 3 and sin 3.
 Series = tuple[float, float, float, float, float, float, float]
 
@@ -112,11 +110,6 @@ _LAST_STEP = 1e-9
 #: Minimum sine of the angle between a ray and the plane. Below this, rounding determines the spot. [1]
 _PARALLEL = 1e-12
 MOMENTS = ("mean_y", "mean_z", "variance_y", "variance_z", "covariance", "real_fraction", "hit_fraction", "status")
-#: Sine of the angle between normal and primary axis below which the elevation axis is undefined.
-_ALONG = 1e-12
-
-
-Parts = tuple[Vector, Vector, Vector]
 
 
 class Curve(NamedTuple):
@@ -129,9 +122,9 @@ class Curve(NamedTuple):
     #: Unit vector a, the axis of rotation of the error. [1]
     axis: Vector
     #: Unit normal as a function of the error. [1]
-    normal: Parts
+    normal: Matrix
     #: Mirror centre relative to the aim point as a function of the error. [m]
-    centre: Parts
+    centre: Matrix
 
 
 class Curves(NamedTuple):
@@ -232,7 +225,7 @@ def curve_of(setting, p, face, source, axis, sky, h, t):
 
 
 @inline
-def spot_at(curve: Curve, face: Face, cosine: float, sine: float) -> tuple[float, float, int]:
+def spot_at(curve: Curve, face: Matrix, cosine: float, sine: float) -> tuple[float, float, int]:
     """Return the spot y, z [m] and its status at the error with a given cosine and sine."""
     if curve.status != REACHES:
         return math.nan, math.nan, curve.status
@@ -284,7 +277,7 @@ def fill_curves(
 
 
 @inline
-def _tolerance(curve: Curve, series, closed: bool, face: Face, w: float, h: float) -> float:
+def _tolerance(curve: Curve, series, closed: bool, face: Matrix, w: float, h: float) -> float:
     """Return the minimum |error| at which the spot leaves the aperture. [rad]"""
     if closed:
         n = at_angle(curve.normal, 1.0, 0.0)
@@ -299,7 +292,7 @@ def _tolerance(curve: Curve, series, closed: bool, face: Face, w: float, h: floa
 
 
 @inline
-def _crossing(curve: Curve, series, closed: bool, aligned: bool, face: Face, line: Line) -> float:
+def _crossing(curve: Curve, series, closed: bool, aligned: bool, face: Matrix, line: Vector) -> float:
     """Return the error of minimum magnitude at which the spot is on a line; not finite if there is none. [rad]"""
     if aligned and line[2] == 0.0:  # The line passes through the aim point: the spot without error is on it.
         return 0.0
@@ -327,7 +320,7 @@ def _nearest(series, lines) -> float:
 
 
 @inline
-def _conic(curve: Curve, face: Face) -> tuple[float, float, float, float, float, float, float, float, float]:
+def _conic(curve: Curve, face: Matrix) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Return the coefficients, eccentricity and focus of the conic of a curve."""
     a, p = curve.axis, curve.centre[0]
     k = -dot(a, curve.sun)
@@ -362,7 +355,7 @@ def _conic(curve: Curve, face: Face) -> tuple[float, float, float, float, float,
 
 @inline
 def canting_cotangent(
-    sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Face, half_width: float, half_height: float
+    sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Matrix, half_width: float, half_height: float
 ) -> float:
     """Return the cotangent of the tolerance to an error about an axis in the mirror, with a fixed mirror centre.
 
@@ -381,7 +374,7 @@ def canting_cotangent(
 
 @inline
 def crossing_cotangent(
-    sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Face, line: Line
+    sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Matrix, line: Vector
 ) -> tuple[float, float]:
     """Return the first crossing of a line by the curve of an error about an axis in the mirror, with a fixed centre.
 
@@ -410,14 +403,14 @@ def crossing_cotangent(
 
 
 @inline
-def _homogeneous(p: Vector, r: Vector, face: Face) -> Vector:
+def _homogeneous(p: Vector, r: Vector, face: Matrix) -> Vector:
     """Return homogeneous coordinates U, V [m] and W [1] of the spot of a ray r from p."""
     moment = cross(p, r)
     return dot(face[2], moment), -dot(face[1], moment), -dot(face[0], r)
 
 
 @inline
-def spot_series(curve: Curve, face: Face) -> tuple[Series, Series, Series, Series]:
+def spot_series(curve: Curve, face: Matrix) -> tuple[Series, Series, Series, Series]:
     """Return trigonometric polynomials of the error: S.n, and U, V and W of the spot."""
     sun, (n0, n1, n2) = curve.sun, curve.normal
     l0, l1, l2 = dot(sun, n0), dot(sun, n1), dot(sun, n2)
@@ -453,7 +446,7 @@ def _moment(curve, axis, sign, rays):
 
 
 @inline
-def line_series(series: tuple[Series, Series, Series, Series], line: Line) -> tuple[Series, float]:
+def line_series(series: tuple[Series, Series, Series, Series], line: Vector) -> tuple[Series, float]:
     """Return the trigonometric polynomial g of a line, and a bound of the magnitude of its second derivative."""
     _, u, v, w = series
     l0, l1, l2 = line
@@ -601,7 +594,7 @@ def fill_samples(
                         if len(values) > 3 and abs(y) <= width and abs(z) <= height:
                             e = cross(normal, frame[2])
                             sine = math.sqrt(dot(e, e))
-                            e = scaled(1.0 / sine, e) if sine > _ALONG else frame[0]
+                            e = scaled(1.0 / sine, e) if sine > 1e-12 else frame[0]
                             left = angle_of(canting_cotangent(s, normal, e, centre, face, width, height))
                             right = angle_of(
                                 canting_cotangent(s, normal, cross(e, normal), centre, face, width, height)

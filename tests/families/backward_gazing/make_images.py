@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
 from heliosweep.kernels.gazing.geometry import (
-    _PINHOLE_STREAM,
     MirrorGrid,
     Scene,
     camera_set,
@@ -84,7 +83,7 @@ def levels(images: Floats, white: float, noise: float, gain_error: Floats | floa
     """Images (K, rows, columns) in levels of a sensor above `DARK`, with noise and saturation."""
     out = DARK + images * (white * (1.0 + np.broadcast_to(gain_error, len(images))))[:, np.newaxis, np.newaxis]
     for i, image in enumerate(out):
-        image += white * noise * normal_draws(seed, _PINHOLE_STREAM + i, image.size).reshape(image.shape)
+        image += white * noise * normal_draws(seed, 8 + i, image.size).reshape(image.shape)
     return np.rint(np.clip(out, 0.0, 2.0**BITS - 1.0))
 
 

@@ -55,8 +55,6 @@ from heliosweep.kernels.profiles import Profile, normal_draws, rendered
 NONE, ROLL, EXACT = 0, 1, 2
 #: Names of the referentials in the order of `transfers`.
 REFERENTIALS = ("none", "roll", "exact")
-#: Tolerance for rounding of a pixel centre on a module's edge, in pixels.
-_SLACK = 1e-9
 
 
 class Scene(NamedTuple):
@@ -286,7 +284,7 @@ def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
     module = np.zeros((len(z), len(y)), np.int64)
     for row in reversed(range(len(half))):  # on a common edge of two modules, the first module counts
         on_y, on_z = (
-            np.abs(line - modules.centre[row, axis]) <= half[row, axis] + _SLACK * pixel
+            np.abs(line - modules.centre[row, axis]) <= half[row, axis] + 1e-9 * pixel
             for axis, line in enumerate((y, z))
         )
         module[np.ix_(on_z, on_y)] = row + 1
@@ -384,8 +382,6 @@ def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats
 FULL_SCALE = 1.25
 #: Number of plane waves of a wavy surface.
 WAVES = 48
-#: Streams of random numbers; `profiles.noisy` uses stream 1. The last stream belongs to the first pinhole camera.
-_WAVE_STREAM, _CAMERA_STREAM, _PINHOLE_STREAM = 2, 3, 8
 #: Minimum distance of used pixels from the edge of a module, as a margin for registration errors. [pixels]
 MARGIN = 0.1
 #: Bits for the reasons why a camera is not used at a pixel of the mirror, compatible with the flags of `slopes`.
@@ -476,7 +472,7 @@ def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
     vary by one third about `length` [m]. A seed gives the same waves for any grid.
     """
     slopes, way = np.zeros(grid.pixels.shape), math.pi * (np.arange(WAVES) + 0.5) / WAVES
-    draws = normal_draws(seed, _WAVE_STREAM, 3 * WAVES).reshape(WAVES, 3)
+    draws = normal_draws(seed, 2, 3 * WAVES).reshape(WAVES, 3)
     for (size, phase, spread), angle in zip(draws, way, strict=True):
         wave = 2.0 * math.pi / (length * math.exp(spread / 3.0))
         c, s = math.cos(angle), math.sin(angle)
@@ -554,7 +550,8 @@ def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, 
     """
     out = images
     if noise > 0.0:
-        first, parts = (_PINHOLE_STREAM, len(images)) if pinhole else (_CAMERA_STREAM, 1)
+        # Streams 1 and 2 are the noise of a sun profile and the waviness.
+        first, parts = (8, len(images)) if pinhole else (3, 1)
         draws = [normal_draws(seed, first + part, images.size // parts) for part in range(parts)]
         out = out + noise * np.reshape(draws, images.shape)
     if bits > 0:
