@@ -353,8 +353,8 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
             found[f"{name}_error"] = replace(found[name], attrs=attrs)
     found |= year_variables(study, found)
     best = ("receiver_energy", "energy_per_mirror_area", "hours_used", "power", "heat", "_efficiency", FACTORED)
-    smallest: tuple[str, ...] = ("rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit", "limit_loss", "total_capital_cost",
-                "levelized_cost_of_heat")  # fmt: skip
+    smallest = ["rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit", "limit_loss", "total_capital_cost",
+                "levelized_cost_of_heat"]  # fmt: skip
     if study.keep and study.keep.heliostats is None:  # the minimum number of heliostats for a given power
-        smallest += ("field_heliostats", "field_mirror_area")
+        smallest += ["field_heliostats", "field_mirror_area"]
     return with_best(found, [name for name in found if name.endswith(best)], smallest)
