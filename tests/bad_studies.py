@@ -9,7 +9,7 @@ and behind ``=>`` what is said. Below ``@ each`` every line takes the place of t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,8 +42,9 @@ def read(path: Path) -> list[Any]:
     return found
 
 
-def sections(path: Path) -> Iterator[Any]:
+def sections(path: Path) -> list[Any]:
     """Parameters of a test, from a file with its good studies and tables: case, good study and tables."""
+    found = []
     good: dict[str, str] = {}
     tables: dict[str, str] = {}
     for case in read(path):
@@ -54,7 +55,8 @@ def sections(path: Path) -> Iterator[Any]:
         elif kind == "table":
             tables[name] = bad.text + "\n"
         else:
-            yield pytest.param(bad, good, tables, id=f"{path.parent.name}-{case.id}")
+            found.append(pytest.param(bad, good, tables, id=f"{path.parent.name}-{case.id}"))
+    return found
 
 
 def _changed(case: Bad, good: Mapping[str, str]) -> list[str]:

@@ -116,13 +116,6 @@ def test_computations_read_no_file(tmp_path):
     assert len(names) > 6
 
 
-def test_keywords_are_those_of_the_family(family, result):
-    words = result.attrs["keywords"].split(", ")
-    assert {"concentrating solar power", *family.keywords} <= set(words)
-    assert len(words) == len(set(words))
-    assert family.name != "dish_tracking" or not any("heliostat" in word for word in words)
-
-
 def test_every_variable_says_what_it_is(result):
     for name, array in result.data_vars.items():
         assert "long_name" in array.attrs, name
@@ -141,10 +134,6 @@ def test_schema_takes_the_example_and_refuses_unknown_keys(family):
     validator = jsonschema.Draft202012Validator(schema)
     validator.validate(content)
     assert not validator.is_valid({**content, "unknown": 1})
-
-
-def test_figures_can_be_drawn(family, result):
-    assert list(family.figures(result))
 
 
 def check_names(study):

@@ -23,12 +23,9 @@ def groups(tmp_path, monkeypatch) -> Path:
 
 def limit(folder: Path, size: str, used: int = 0, cached: int = 0) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    for name, value in (
-        ("memory.max", size),
-        ("memory.current", used),
-        ("memory.stat", f"anon 1\ninactive_file {cached}"),
-    ):
-        (folder / name).write_text(f"{value}\n")
+    values = {"max": size, "current": used, "stat": f"anon 1\ninactive_file {cached}"}
+    for name, value in values.items():
+        (folder / f"memory.{name}").write_text(f"{value}\n")
 
 
 def memory(tmp_path: Path) -> int:

@@ -18,34 +18,6 @@ from tests.bench.bench_memory import FACTOR, peak_memory, shipped
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is read from /proc")
 
 
-TWO: dict[str, Any] = {"execution": {"workers": 2}}
-
-
-def field_series(clearance: int, heliostats: int, days: dict[str, int], step: float, **output: str) -> dict[str, Any]:
-    return shipped(
-        "latitude_sweep",
-        **TWO,
-        site={"latitude": 30},
-        tracking="azimuth_elevation",
-        layout={"radial_stagger": {"clearance": clearance, "inner_radius": 61.3, "heliostats": heliostats}},
-        time={"clock": "solar", "days": days, "hours": {"start": 6, "stop": 18, "step": step}, "sampling": "midpoint"},
-        output={"time_series": True, **output},
-    )
-
-
-def series() -> dict[str, Any]:
-    """Time series of 70 MB: of two parts."""
-    return field_series(16, 500, {"start": 1, "stop": 365, "step": 4}, 0.25)
-
-
-def wide_series() -> dict[str, Any]:
-    """Time series of 10,000 heliostats.
-
-    They stand far apart, which is quick to compute and takes the same memory.
-    """
-    return field_series(40, 10_000, {"start": 1, "stop": 30, "step": 1}, 0.6)
-
-
 def draws(memory: int | None = None) -> dict[str, Any]:
     """Calibrations of 3,000 draws of each of six heliostats: blocks of 180 MB, where nothing bounds them."""
     content = shipped("calibration_synthetic", execution={"workers": 2})
@@ -62,21 +34,12 @@ def written(content: dict[str, Any], folder: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("content", "arguments"),
-    [
-        (shipped("figure7_hyperbolas", **TWO), []),
-        pytest.param(series(), [], marks=pytest.mark.long),
-        pytest.param(wide_series(), ["--no-report"], marks=pytest.mark.long),
-    ],
-    ids=["little", "time series", "wide time series"],
-)
-def test_plan_foresees_the_peak(content, arguments, tmp_path):
-    path = written(content, tmp_path)
+def test_plan_foresees_the_peak(tmp_path):
+    path = written(shipped("figure7_hyperbolas", execution={"workers": 2}), tmp_path)
     study = api.load(path)
     family_of(study).prepare(study)  # the compiler takes more memory than these studies
     planned = api.plan(study, tmp_path / "result").peak_memory
-    _, measured = peak_memory(path, tmp_path / "result", *arguments)
+    _, measured = peak_memory(path, tmp_path / "result")
     assert planned / FACTOR < measured < planned
 
 

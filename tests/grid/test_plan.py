@@ -107,15 +107,6 @@ def test_a_large_point_is_cut_and_small_points_are_grouped():
     assert bytes_of(quick.variables, {**quick.workload.inner, **quick.cuts["points"].block}) <= BLOCK_BYTES["points"]
 
 
-@pytest.mark.parametrize(
-    ("sizes", "word"),
-    [({"latitude": 10**12}, "latitude"), ({"latitude": 10**4, "width": 10**8}, "width")],
-)
-def test_a_sweep_of_a_million_million_points_is_refused_by_its_longest_axis(sizes, word):
-    with pytest.raises(PlanError, match=f"shrink '{word}' first"):
-        planned(workload(sizes))
-
-
 def test_chunks_shrink_to_the_memory_or_are_refused():
     work = workload({"a": 1}, heliostats=2_500_000, evaluations=10**6)
     roomy = planned(work, Limits(8, ROOMY.memory, ROOMY.disk))
@@ -127,9 +118,12 @@ def test_chunks_shrink_to_the_memory_or_are_refused():
         planned(workload({"a": 1}, heliostats=25_000_000), Limits(2, memory, 2**40))
 
 
-def test_time_series_that_fill_the_disk_are_refused_by_name():
+def test_what_cannot_fit_is_refused_by_the_name_of_its_longest_axis():
     with pytest.raises(PlanError, match=r"shrink 'time' first or omit output\.time_series"):
         planned(workload({}, heliostats=1000, times=10**6), Limits(2, 2**33, 2**30))
+    for sizes, word in (({"latitude": 10**12}, "latitude"), ({"latitude": 10**4, "width": 10**8}, "width")):
+        with pytest.raises(PlanError, match=f"shrink '{word}' first"):
+            planned(workload(sizes))
 
 
 def test_words():

@@ -67,26 +67,22 @@ def test_colliding_mirrors_name_the_rows():
 
 
 def test_mirrors_of_unequal_size():
-    layout = at((0, 50), (9, 50), (9, 57))
-    problems, (warning,) = messages(layout, np.array([12, 4, 4]), np.array([12, 4, 4]))
+    layout, sides = at((0, 50), (9, 50), (9, 57)), np.array([12, 4, 4])
+    problems, (warning,) = messages(layout, sides, sides)
     assert problems == []
     assert warning.endswith("heliostat 0 and heliostat 1, 9 m apart, with a diagonal of 11.3137 m")
-    problems, _ = messages(layout, np.array([12, 8, 2]), np.array([12, 8, 2]))
-    assert problems == [
+    sides = np.array([12, 8, 2])
+    (problem,), _ = messages(layout, sides, sides)
+    assert problem == (
         "field.csv: heliostat 1 is 9 m from heliostat 0, less than the shorter side of the mirrors, 10 m: they collide"
-    ]
+    )
 
 
 def test_below_the_diagonal_is_one_warning():
     problems, (warning,) = messages(at((0, 50), (12, 50), (40, 50), (40, 63), lines=[2, 3, 4, 5]))
     assert problems == []
-    assert warning == (
-        "field.csv: 2 pairs of neighbours are closer than the diagonal of the mirrors and can touch; the "
-        "orientations in this study are not checked, and results are computed as if "
-        "mirrors could pass through each other; the closest are heliostat 0 (line 2) and heliostat 1 (line 3), 12 m "
-        "apart, with a diagonal of 14.1421 m"
-    )
-    assert "1 pair of neighbours is" in messages(at((0, 50), (12, 50)))[1][0]
+    assert warning.startswith("field.csv: 2 pairs of neighbours are closer than the diagonal of the mirrors")
+    assert warning.endswith("heliostat 0 (line 2) and heliostat 1 (line 3), 12 m apart, with a diagonal of 14.1421 m")
     assert messages(at((0, 50), (10, 50)))[0] == []  # one shorter side apart: a warning, not an error
 
 

@@ -133,10 +133,9 @@ def test_no_room(tmp_path):
         radial_stagger(13, 50, region=covered)
     small = Region((), read_area(site, "boundary"))
     fit = len(radial_stagger(13, 50, region=small))
-    for generate in (lambda n: radial_stagger(13, 50, heliostats=n, region=small),):
-        assert len(generate(fit)) == fit
-        with pytest.raises(StudyError, match=rf"heliostats: only {fit} fit \(got {fit + 1}\)"):
-            generate(fit + 1)
+    assert len(radial_stagger(13, 50, heliostats=fit, region=small)) == fit
+    with pytest.raises(StudyError, match=rf"heliostats: only {fit} fit \(got {fit + 1}\)"):
+        radial_stagger(13, 50, heliostats=fit + 1, region=small)
 
 
 def grid(path: Path, x: np.ndarray, y: np.ndarray, heights: np.ndarray, **attrs: str) -> Path:
@@ -160,13 +159,9 @@ def test_heights_are_bilinear(tmp_path):
     level = rng.uniform(100, 140, (17, 30))
     places = rng.uniform(-1, 1, (200, 2)) * [min(-x[0], x[-1]), 400]
     expected = bilinear(x, y, level, places)
-    files = [
-        grid(tmp_path / "a.nc", x, y, level),
-        grid(tmp_path / "b.nc", x[::-1], y[::-1], level[::-1, ::-1], units="m"),
-    ]
-    for path in files:
-        heights = read_heights(path)
-        np.testing.assert_allclose(heights_at(heights, path.name, *places.T), expected, atol=1e-9)
+    for step in (1, -1):
+        path = grid(tmp_path / f"{step}.nc", x[::step], y[::step], level[::step, ::step], units="m")
+        np.testing.assert_allclose(heights_at(read_heights(path), path.name, *places.T), expected, atol=1e-9)
 
 
 def geotiff(path: Path, level: np.ndarray, corner: tuple[float, float], keys: tuple[int, ...] = (1, 1), **more) -> Path:
@@ -202,27 +197,21 @@ def test_heights_of_a_geotiff_are_those_of_a_grid(tmp_path, dtype):
 
 
 def test_geotiff_that_is_wrong(tmp_path):
-    level = np.zeros((4, 4), np.float32)
+    level, metres = np.zeros((4, 4), np.float32), "must have coordinates and heights in m"
     for name, found, message in (
         ("degrees.tif", {"keys": (2, 1)}, "no map coordinates in m: project it"),
-        ("feet.tif", {"code": [(3072, 2229)]}, "must have coordinates and heights in m"),
-        ("depth.tif", {"keys": (1, 1, 9001, 9002)}, "must have coordinates and heights in m"),
+        ("feet.tif", {"code": [(3072, 2229)]}, metres),
+        ("depth.tif", {"keys": (1, 1, 9001, 9002)}, metres),
         ("picture.tif", {"without": (33550,)}, "one band of heights with map coordinates"),
     ):
         with pytest.raises(StudyError, match=f"{name} .*{message}"):
             read_heights(geotiff(tmp_path / name, level, (0, 0), **found))
-    colours = tmp_path / "colours.tif"
-    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(colours)
-    with pytest.raises(StudyError, match="one band"):
-        read_heights(colours)
-    cut = tmp_path / "cut.tif"
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(tmp_path / "colours.tif")
     whole = geotiff(tmp_path / "whole.tif", np.random.default_rng(0).normal(size=(64, 64)).astype(np.float32), (0, 0))
-    for length in (6, 60, 4000):
-        cut.write_bytes(whole.read_bytes()[:length])
-        with pytest.raises(StudyError, match=r"cut\.tif "):
-            read_heights(cut)
-    with pytest.raises(StudyError, match="cannot be read"):
-        read_heights(tmp_path / "none.tif")
+    (tmp_path / "cut.tif").write_bytes(whole.read_bytes()[:4000])
+    for name, message in (("colours", "one band"), ("cut", r"cut\.tif "), ("none", "cannot be read")):
+        with pytest.raises(StudyError, match=message):
+            read_heights(tmp_path / f"{name}.tif")
 
 
 def test_even_ground_falls_towards_its_azimuth():
@@ -233,29 +222,30 @@ def test_even_ground_falls_towards_its_azimuth():
 
 
 def test_heights_that_are_wrong(tmp_path):
-    x = np.linspace(-100, 100, 5)
-    path = grid(tmp_path / "small.nc", x, x, np.zeros((5, 5)))
-    with pytest.raises(StudyError, match=r"2 of 3 heliostats beyond its heights, x from -100 to 100 m"):
-        heights_at(read_heights(path), "small.nc", np.array([0.0, 101, -200]), np.zeros(3))
-    away = grid(tmp_path / "away.nc", x + 500, x, np.zeros((5, 5)))
-    with pytest.raises(StudyError, match="the tower beyond its heights"):
-        heights_at(read_heights(away), "away.nc", np.array([500.0, 510]), np.zeros(2))
-    gap = np.zeros((5, 5))
+    x, gap = np.linspace(-100, 100, 5), np.zeros((5, 5))
     gap[4, 4] = np.nan
-    holes = read_heights(grid(tmp_path / "gap.nc", x, x, gap))
-    with pytest.raises(StudyError, match="1 of 2 heliostats"):
-        heights_at(holes, "gap.nc", np.array([0.0, 99]), np.array([0.0, 99]))
-    degrees = grid(tmp_path / "degrees.nc", x, x, gap, units="degrees_east")
-    single = grid(tmp_path / "single.nc", x[:1], x, gap[:, :1])
-    twice = grid(tmp_path / "twice.nc", np.array([0, 1, 1, 2, 3.0]), x, gap)
-    text = saved(tmp_path / "text.nc", "x,y\n")
+    for name, at, level, east, north, message in (
+        (
+            "small",
+            x,
+            np.zeros((5, 5)),
+            [0.0, 101, -200],
+            [0.0, 0, 0],
+            "2 of 3 heliostats beyond .* x from -100 to 100 m",
+        ),
+        ("away", x + 500, np.zeros((5, 5)), [500.0, 510], [0.0, 0], "the tower beyond its heights"),
+        ("gap", x, gap, [0.0, 99], [0.0, 99], "1 of 2 heliostats"),
+    ):
+        heights = read_heights(grid(tmp_path / f"{name}.nc", at, x, level))
+        with pytest.raises(StudyError, match=message):
+            heights_at(heights, f"{name}.nc", np.array(east), np.array(north))
     other = tmp_path / "other.nc"
     xr.Dataset({"z": ("i", x)}).to_netcdf(other)
     for file, message in (
-        (degrees, r"x in m \(got degrees_east\)"),
-        (single, "at least two values"),
-        (twice, "x and y that are monotonic"),
-        (text, "cannot be read as NetCDF"),
+        (grid(tmp_path / "degrees.nc", x, x, gap, units="degrees_east"), r"x in m \(got degrees_east\)"),
+        (grid(tmp_path / "single.nc", x[:1], x, gap[:, :1]), "at least two values"),
+        (grid(tmp_path / "twice.nc", np.array([0, 1, 1, 2, 3.0]), x, gap), "x and y that are monotonic"),
+        (saved(tmp_path / "text.nc", "x,y\n"), "cannot be read as NetCDF"),
         (other, r"one variable over x and y, .*got z\(i\)"),
     ):
         with pytest.raises(StudyError, match=message):

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
-from heliosweep.errors import StudyError
 from heliosweep.layouts.ground import Region
 from heliosweep.layouts.patterns import rows, spiral
 
@@ -76,20 +75,3 @@ def test_rows_turn_with_their_azimuth():
     north, east = (rows(15.0, 12.0, 0.0, azimuth, heliostats=200) for azimuth in (0.0, 90.0))
     np.testing.assert_allclose(east.x, north.y, atol=1e-9)
     np.testing.assert_allclose(east.y, -north.x, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("make", "key", "message"),
-    [
-        (lambda: spiral(4.5, 2.0, 60.0, 10**6), "heliostats", "only 146 fit"),
-        (lambda: spiral(4.5, 0.1, 60.0, 10**6), "b", "more than 4,000,000 positions"),
-        (lambda: spiral(1e-3, 0.5, 1e3, 10), "b", "more than 4,000,000 positions"),
-        (lambda: rows(0.001, 0.001, 50.0, heliostats=10), "spacing", "more than 4,000,000 positions"),
-        (lambda: rows(5.0, 5.0, 0.0, heliostats=2 * 10**6), "heliostats", "at most 1,000,000"),
-    ],
-)
-def test_what_cannot_be_met(make, key, message):
-    with pytest.raises(StudyError) as raised:
-        make()
-    assert raised.value.problems[0].key == key
-    assert message in str(raised.value)

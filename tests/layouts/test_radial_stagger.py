@@ -1,6 +1,7 @@
 """The radial-stagger generator: the paper's field, the clearance everywhere, impossible parameters."""
 
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.spatial import KDTree
 from heliosweep.config.layouts import Zone
 from heliosweep.errors import StudyError
 from heliosweep.layouts import Layout, radial_stagger, read_csv
+from heliosweep.layouts.patterns import rows, spiral
 
 CHONG = Path(__file__).parents[2] / "studies" / "layouts" / "chong2012.csv"
 
@@ -54,49 +56,45 @@ def test_clearance_holds_in_given_zones(start, widening, rings, gap):
         Zone(start=start, rings=rings, pitch=min(finest * widening, 180)),
         Zone(start=start + rings + gap, rings=3),
     ]
-    layout = generated(zones)
-    assert layout is None or least_distance(layout) >= 1 - 1e-12
-
-
-def generated(zones: list[Zone]) -> Layout | None:
-    """Return the layout, or None where a very wide pitch leaves no room for its rings."""
     try:
-        return radial_stagger(1, zones=zones)
-    except StudyError as error:
-        if "rings fit before" in str(error):
-            return None
-        raise
+        assert least_distance(radial_stagger(1, zones=zones)) >= 1 - 1e-12
+    except StudyError as error:  # a very wide pitch leaves no room for its rings
+        if "rings fit before" not in str(error):
+            raise
 
 
 def test_the_start_named_in_a_message_is_accepted():
     with pytest.raises(StudyError, match=r"at 113\.257 m or more \(got 113\.0\)"):
         radial_stagger(16, zones=[Zone(start=61.3, rings=4, pitch=15), Zone(start=113, rings=5)])
-    assert counts(radial_stagger(16, zones=[Zone(start=61.3, rings=4, pitch=15), Zone(start=113.257, rings=1)])) == [
-        24,
-        24,
-        24,
-        24,
-        44,
-    ]
+    found = radial_stagger(16, zones=[Zone(start=61.3, rings=4, pitch=15), Zone(start=113.257, rings=1)])
+    assert counts(found) == [24, 24, 24, 24, 44]
+
+
+TEN = partial(radial_stagger, 10)
 
 
 @pytest.mark.parametrize(
-    ("parameters", "key", "words"),
+    ("make", "key", "words"),
     [
-        ({"clearance": 10, "inner_radius": 4.9, "rings": 3}, "inner_radius", "half the clearance"),
-        ({"clearance": 1e-6, "inner_radius": 50, "rings": 3}, "inner_radius", "more than 1,000,000"),
-        ({"clearance": 10, "inner_radius": 50, "heliostats": 10**9}, "heliostats", "at most 1,000,000"),
-        ({"clearance": 10, "inner_radius": 50, "rings": 10**5}, "rings", "more than 1,000,000"),
-        ({"clearance": 10, "inner_radius": 40, "zones": [Zone(start=50, rings=2)]}, "inner_radius", "first zone"),
-        ({"clearance": 10, "zones": [Zone(start=3, rings=2)]}, "zones.0.start", "half the clearance"),
-        ({"clearance": 10, "zones": [Zone(start=50, rings=2), Zone(start=60, rings=2)]}, "zones.1.start", "at 68."),
-        ({"clearance": 10, "zones": [Zone(start=50, rings=2, pitch=11.4)]}, "zones.0.pitch", "11.478"),
-        ({"clearance": 10, "zones": [Zone(start=50, rings=40)]}, "zones.0.rings", "only"),
+        (partial(TEN, 4.9, rings=3), "inner_radius", "half the clearance"),
+        (partial(radial_stagger, 1e-6, 50, rings=3), "inner_radius", "more than 1,000,000"),
+        (partial(TEN, 50, heliostats=10**9), "heliostats", "at most 1,000,000"),
+        (partial(TEN, 50, rings=10**5), "rings", "more than 1,000,000"),
+        (partial(TEN, 40, zones=[Zone(start=50, rings=2)]), "inner_radius", "first zone"),
+        (partial(TEN, zones=[Zone(start=3, rings=2)]), "zones.0.start", "half the clearance"),
+        (partial(TEN, zones=[Zone(start=50, rings=2), Zone(start=60, rings=2)]), "zones.1.start", "at 68."),
+        (partial(TEN, zones=[Zone(start=50, rings=2, pitch=11.4)]), "zones.0.pitch", "11.478"),
+        (partial(TEN, zones=[Zone(start=50, rings=40)]), "zones.0.rings", "only"),
+        (partial(spiral, 4.5, 2.0, 60.0, 10**6), "heliostats", "only 146 fit"),
+        (partial(spiral, 4.5, 0.1, 60.0, 10**6), "b", "more than 4,000,000 positions"),
+        (partial(spiral, 1e-3, 0.5, 1e3, 10), "b", "more than 4,000,000 positions"),
+        (partial(rows, 0.001, 0.001, 50.0, heliostats=10), "spacing", "more than 4,000,000 positions"),
+        (partial(rows, 5.0, 5.0, 0.0, heliostats=2 * 10**6), "heliostats", "at most 1,000,000"),
     ],
 )
-def test_impossible_parameters(parameters, key, words):
+def test_impossible_parameters_of_generators(make, key, words):
     with pytest.raises(StudyError) as caught:
-        radial_stagger(**parameters)
+        make()
     (problem,) = caught.value.problems
     assert problem.key == key
     assert words in problem.message

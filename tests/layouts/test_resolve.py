@@ -60,50 +60,21 @@ def test_every_key_can_be_swept(small, layout, dims):
 
 def test_a_spacing_follows_the_tower_and_the_mirror(small):
     rings = {"radial_stagger": {**RINGS, "rings": 6, "spacing": "delsol"}}
-    study = small(
-        **PLACE,
-        layout=rings,
-        receiver={"height": [60, 120]},
-        heliostat={"width": [6, 8], "height": 8, "pivot_height": 5},
-    )
-    result = api.build(study)
+
+    def study(height: Any, width: Any) -> Any:
+        heliostat = {"width": width, "height": 8, "pivot_height": 5}
+        return api.build(small(**PLACE, layout=rings, receiver={"height": height}, heliostat=heliostat))
+
+    result = study([60, 120], [6, 8])
     assert set(result["x"].dims) == {"receiver_height", "heliostat_width", "heliostat"}
     radius: Any = np.hypot(result["x"], result["y"])
     radius = radius.max("heliostat")
     assert (radius.sel(receiver_height=60) > radius.sel(receiver_height=120)).all()
     count = result["x"].notnull().sum("heliostat")
     assert (count.sel(heliostat_width=6) > count.sel(heliostat_width=8)).all()
-    again = small(
-        **PLACE, layout=rings, receiver={"height": 120}, heliostat={"width": 6, "height": 8, "pivot_height": 5}
-    )
-    alone, swept = api.build(again).compute(), result.sel(receiver_height=120, heliostat_width=6).compute()
-    length = alone.sizes["heliostat"]
-    np.testing.assert_array_equal(
-        swept["optical_efficiency"].isel(heliostat=slice(length)), alone["optical_efficiency"]
-    )
-    assert swept["x"].isel(heliostat=slice(length, None)).isnull().all()
-
-
-def test_a_spacing_needs_the_plant(small):
-    rings = {"radial_stagger": {**RINGS, "rings": 6, "spacing": "no_blocking"}}
-    with pytest.raises(StudyError, match=r"spacing: needs a receiver higher than 13 m, one mirror height above"):
-        small(layout=rings, receiver={"height": 12})
-    with pytest.raises(StudyError, match=r"spacing: needs heliostat.width, which this study does not give"):
-        small(layout=rings, heliostat={"height": 8, "pivot_height": 5})
-
-
-@pytest.mark.parametrize(
-    ("layout", "message"),
-    [
-        ({"margin": 5}, "margin: is for 'boundary' or 'exclude': give one of these"),
-        ({"origin": [1e5, 2e6], "terrain": {"slope": 3, "azimuth": 0}}, "origin: is for 'boundary', 'exclude' or"),
-        ({"boundary": "site.wkt", "origin": [1e5, 2e6]}, "boundary: .* beyond any field"),
-        ({"boundary": "site.wkt", "margin": 100}, "boundary: leaves no space for a heliostat 100 m from its edge"),
-    ],
-)
-def test_ground_that_is_wrong(small, layout, message):
-    with pytest.raises(StudyError, match=message):
-        small(layout={"radial_stagger": {**RINGS, "rings": 3}, **layout})
+    alone, swept = study(120, 6).compute(), result.sel(receiver_height=120, heliostat_width=6).compute()
+    here = swept["optical_efficiency"].isel(heliostat=slice(alone.sizes["heliostat"]))
+    np.testing.assert_array_equal(here, alone["optical_efficiency"])
 
 
 def test_ids_depend_on_what_files_say_and_not_on_new_keys(small):
@@ -141,10 +112,6 @@ def test_a_table_in_the_study_is_the_table_of_a_file(small):
     result = api.build(again)
     np.testing.assert_array_equal(result["x"], frame["x"])
     assert study.study_id != small(**TWO, layout=frame.assign(z=[0, 2])).study_id
-    with pytest.raises(StudyError, match=r"layout: needs lists of equal length"):
-        small(**TWO, layout={"x": [1, 2], "y": [1]})
-    with pytest.raises(StudyError, match=r"layout.table.*y must be a finite number"):
-        small(**TWO, layout={"x": [1, 2], "y": [1, "two"]})
 
 
 def test_a_table_in_map_coordinates(small):
@@ -168,8 +135,6 @@ def test_a_pattern_or_a_folder_names_the_layouts_of_a_sweep(small, pattern):
     study = small(**TWO, layout={"file": pattern})
     assert study.files()["layout.file"] == ("fields/a.csv", "fields/b.csv")
     assert [one.y.tolist() for one in Layouts(study)] == [[60], [70]]
-    with pytest.raises(StudyError, match=r"layout.file: no such file, .*none/\*.csv"):
-        small(**TWO, layout={"file": "none/*.csv"})
 
 
 def test_a_column_counts_if_the_study_gives_no_value(small):
@@ -193,21 +158,16 @@ def test_a_column_counts_if_the_study_gives_no_value(small):
     ]
 
 
-def test_mirrors_in_the_ground_are_noticed(small):
+def test_mirrors_in_the_ground_and_ground_that_excludes_nothing_are_noticed(small):
     Path("field.csv").write_text("x,y\n0,60\n15,60\n")
-    study = small(**PLACE, layout={"file": "field.csv"}, receiver={"height": 90},
-                  heliostat={"width": 8, "height": 8, "pivot_height": 3})  # fmt: skip
-    assert list(study.notes()) == [
+    mirrors = {"receiver": {"height": 90}, "heliostat": {"width": 8, "height": 8, "pivot_height": 3}}
+    assert list(small(**PLACE, layout={"file": "field.csv"}, **mirrors).notes()) == [
         "the mirrors of 2 heliostats reach into the ground when upright: the centre of heliostat 0 (line 2) is 3 m "
         "high, half its mirror 4 m"
     ]
     Path("field.csv").write_text("x,y,z\n0,60,4\n15,60,-3\n")  # z of the centres
-    study = small(**PLACE, layout={"file": "field.csv"}, receiver={"height": 90},
-                  heliostat={"width": 8, "height": 8, "pivot_height": 0})  # fmt: skip
-    assert list(study.notes()) == []
-
-
-def test_ground_that_excludes_nothing_is_noticed(small):
+    mirrors["heliostat"]["pivot_height"] = 0
+    assert list(small(**PLACE, layout={"file": "field.csv"}, **mirrors).notes()) == []
     Path("far.wkt").write_text("POLYGON ((29000 31000, 29100 31000, 29100 31100, 29000 31000))")
     study = small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": 2}, "exclude": "far.wkt"})
     assert list(study.notes()) == [

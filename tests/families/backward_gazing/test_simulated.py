@@ -60,15 +60,6 @@ def test_results_are_those_of_the_kernels():
     assert np.isnan(result["image"].to_numpy().reshape(4, -1)[:, mirror.module.ravel() == 0]).all()
 
 
-def test_o2_and_lm_need_no_referential():
-    result = computed(defects={"canting": {"2": [0.5, -1]}})
-    for name in ("O2", "LM"):
-        one = result["slope_bias_x"].sel(slope_method=name)
-        assert (one == one.isel(referential=0)).all()
-    a = result["relative_error_x"].sel(slope_method="A", module=2)
-    assert float(a.sel(referential="none")) > 10 > 1 > float(a.sel(referential="exact"))
-
-
 def test_undefected_heliostat():
     """Fewer than 1e-7 mrad, clean; what noise leaves of a perfect mirror is subtracted too."""
     result = computed(defects=None, sun_profile=["jose", "noisy"])
@@ -114,21 +105,6 @@ def test_camera_noise_is_at_the_bound():
         assert float(ratio.std()) == pytest.approx(0.97, abs=0.2)  # of 20 seeds, less their mean
         pointing = result[f"pointing_{name}"].std("camera_seed", ddof=1)
         assert float(pointing / result[f"pointing_{name}_standard_error"].mean()) == pytest.approx(1.0, abs=0.45)
-
-
-@pytest.mark.parametrize("level", ["mirror_grid", "camera"])
-def test_images_of_cameras_give_the_same_slopes(level):
-    result = computed(
-        heliostat={"distance": 120, "pixel": 0.1},
-        cameras={"images": level, "bits": 12, "supersampling": 2},
-        method=["A", "LM"],
-        referential="exact",
-        erosion=3,
-    )
-    lm = result.sel(slope_method="LM")
-    assert float(lm["relative_error_y"].max()) < 0.05
-    assert float(lm["slope_rms_y"].max()) < 0.003  # of the levels
-    assert float(result.sel(slope_method="A")["relative_error_x"].max()) < 1.0
 
 
 def test_fourier_processing_adds_error_along_y_and_no_contamination_of_x():
@@ -179,12 +155,6 @@ def test_modules_of_the_study():
     assert result["module_y"].values.tolist() == [-1, 1]
     assert float(result["relative_error_x"].max()) < 0.02
     assert float(result["distance"]) == 100
-
-
-def test_world_azimuths():
-    result = computed(sun={"azimuth": [30, -90], "elevation": 60}, method="A")
-    assert result["sun_world_azimuth"].values.tolist() == [150, 270]  # south-south-east, west
-    assert float(result["target_world_azimuth"]) == 180  # the target is to the south
 
 
 def test_table_of_the_sun(tmp_path):

@@ -185,35 +185,6 @@ def test_tolerable_tilt_meets_the_required_factor():
             assert float(there["effective_tracking_factor_min"]) == pytest.approx(factor, abs=1e-10)
 
 
-def test_sweeps_of_sites_models_and_tied_parameters():
-    sites = [
-        {"name": "a", "latitude": 40, "longitude": 90, "timezone": "+06:00"},
-        {"name": "b", "latitude": -30, "longitude": 0, "timezone": "UTC"},
-    ]
-    result = computed(
-        site=None,
-        sites=sites,
-        time={key: value for key, value in SMALL["time"].items() if key != "timezone"},
-        mount={"model": ["rigid", "untilted_home_axes"]},
-        tolerance=[2, 4],
-        errors={"axis_tilt": [0.05, 0.1], "axis_tilt_direction": [0, 90]},
-        zip=[["errors.axis_tilt", "tolerance"]],
-    )
-    assert result["effective_tracking_factor"].dims == ("site", "model", "axis_tilt", "axis_tilt_direction", "date")
-    single = computed(
-        site={"latitude": -30, "longitude": 0},
-        time=time(timezone="UTC"),
-        mount={"model": "untilted_home_axes"},
-        errors={"axis_tilt": 0.1, "axis_tilt_direction": 90},
-    )
-    np.testing.assert_array_equal(
-        result["effective_tracking_factor"].sel(
-            site="b", model="untilted_home_axes", axis_tilt=0.1, axis_tilt_direction=90
-        ),
-        single["effective_tracking_factor"],
-    )
-
-
 @pytest.mark.parametrize(
     ("window", "share"),
     [(("00:00", "24:00"), 50), (("09:00", "15:00"), 0), (("20:00", "24:00"), 100), ("sunrise_to_sunset", 0)],

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import heliosweep
 from heliosweep.families.family import families
 from heliosweep.families.field_efficiency import compute as module
 from heliosweep.families.field_efficiency.flux import aims, turns
@@ -98,13 +97,3 @@ def test_on_a_tilted_face_levels_lie_in_it(sunny):
     result = computed(sunny(receiver=face, aim={"strategy": "spread", "levels": [1, 2, 5]}))
     kept = result["field_intercept_efficiency"]
     assert float(kept.sel(aim_levels=2)) < float(kept.sel(aim_levels=5)) < float(kept.sel(aim_levels=1))
-
-
-def test_resolved_studies_of_each_strategy_load(small):
-    """A resolved study has the defaults of all keys, also of those for another strategy."""
-    receiver = {"kind": "cylinder", "height": 60, "radius": 4, "height_extent": 30}
-    optics = {"sun_shape": {"kind": "pillbox"}, "slope_error": 1}
-    spread = small(optics=optics, receiver=receiver, aim={"strategy": "spread", "levels": 3})
-    assert heliosweep.load(spread.resolved()).study_id == spread.study_id
-    with pytest.raises(heliosweep.StudyError, match=r"aim.rows: is only for the strategy flux_limit"):
-        small(optics=optics, receiver=receiver, aim={"strategy": "spread", "rows": 5})

@@ -100,15 +100,6 @@ def test_ranges_follow_from_the_series_and_change_no_other_number(small):
             np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
-def test_tilt_is_the_incidence_and_turns_at_most_half_as_fast_as_the_sun(small):
-    result = api.build(small(output={"tracking_angles": True, "time_series": True})).compute()
-    spinning = result.sel(tracking="spinning_elevation")
-    cosine = np.cos(np.radians(spinning["instantaneous_secondary_angle"]))
-    np.testing.assert_allclose(cosine, spinning["instantaneous_cosine_efficiency"], atol=1e-12)
-    assert (spinning["secondary_angle_rate"] <= 7.5 + 1e-9).all()
-    assert (result["secondary_angle_rate"].sel(tracking="azimuth_elevation") > 7.5).any()
-
-
 def test_civil_days_are_courses_of_their_own_and_the_polar_night_has_none(small):
     window = {"start": "08:00", "stop": "16:00", "step": "1 h"}
     time = {"clock": "civil", "dates": ["2021-06-20", "2021-06-21"], "window": window}

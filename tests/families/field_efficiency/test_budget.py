@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import heliosweep
-from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.drawing import error_budget
 from heliosweep.families.field_efficiency.figures import budget_columns
-from heliosweep.layouts.resolve import Layouts
-from tests.conftest import STUDIES
 from tests.families.field_efficiency.test_energy import BLOCKS
 from tests.families.field_efficiency.test_light_files import FACE, PLACES, calibrated, table
 from tests.families.field_efficiency.test_surfaces import SHAPES, maps
@@ -153,20 +149,3 @@ def test_losses_of_draws_have_statistics_and_indices(small):
     )
     assert dirt.startswith(f"{mean:.2f} ± {deviation:.2f} % (gain ")
     assert "standard deviation over the draws" in note
-
-
-def test_a_calibration_leaves_a_tenth_of_the_errors_of_the_study():
-    """`error_budget` has the scale 0.1 after a calibration: 12 spots of 3 days with 3 cm of noise."""
-    study: Any = api.load(STUDIES / "error_budget.yaml")
-    layout, deviations = Layouts(study)[()], np.array([1.5, 1.5, 1.0, 1.0])
-    rng, sun = np.random.default_rng(1), ([110, 150, 180, 230] * 3, [34, 53, 58, 42, 42, 63, 67, 48, 45, 68, 75, 54])
-    truth, left = deviations * rng.standard_normal((len(layout), 4)), []
-    for place, errors in zip(np.stack((layout.x, layout.y, np.full(len(layout), 5.0)), axis=1), truth, strict=True):
-        mount = {"pivot": place, "aim": 60.0, "receiver_azimuth": np.degrees(np.arctan2(*place[:2]))}
-        spots = heliosweep.mount_spots(*sun, errors=errors, **mount)
-        noisy = [spots[name].to_numpy() + rng.normal(0.0, 0.03, 12) for name in ("spot_y", "spot_z")]
-        left.append(heliosweep.calibrate_mount(*sun, *noisy, **mount).estimated_error.to_numpy() - errors)
-    shares = np.sqrt(np.mean(np.square(left), axis=0)) / deviations
-    assert ((shares > 0.04) & (shares < 0.2)).all()
-    assert float(np.mean(shares)) == pytest.approx(0.1, abs=0.04)
-    assert study.optics.mount_errors.scale.ends() == (1, 0.1)

@@ -72,16 +72,6 @@ def test_layout_files_can_be_swept_and_keep_their_columns(small, tmp_path):
     assert result["name"].values.tolist() == [["first", "second"], ["third", ""]]
 
 
-def test_mirror_sizes_from_the_layout_weigh_the_field(small, tmp_path):
-    (tmp_path / "a.csv").write_text("x,y,z,width,height\n0,60,0,4,3\n0,90,2,12,10\n")
-    study = small(layout={"file": str(tmp_path / "a.csv")}, heliostat={"pivot_height": 6})
-    result = computed(study)
-    weights = np.array([12.0, 120.0])
-    expected = (result["cosine_efficiency"] * weights).sum("heliostat") / weights.sum()
-    np.testing.assert_allclose(result["field_cosine_efficiency"], expected, rtol=1e-14)
-    assert result["heliostat_width"].values.tolist() == [4, 12]
-
-
 def test_civil_clock_follows_pvlib(small):
     site = {"latitude": 37.4, "longitude": -6.25, "altitude": 20}
     result = computed(small(site=site, time=CIVIL, output={"time_series": True}))

@@ -210,15 +210,6 @@ def test_dirt_by_month_and_between_washings(small):
     np.testing.assert_allclose(result["reflection_efficiency"].isel(heliostat=0), [0.855, 0.855 * 0.96], rtol=1e-14)
 
 
-def test_a_resolved_study_is_the_same(field, small):
-    dated = {"receiver": RECEIVER, "optics": {**OPTICS, "cleanliness_by_month": [0.9] * 12, "cleanliness": 1}}
-    drawn = {"collimation": {"normal": [0, 1]}, "seed": 3}
-    for study in (field(mount_errors=drawn, attenuation="vant_hull"), small(**dated)):
-        again = api.load(study.resolved())
-        assert again == study
-        assert again.study_id == study.study_id
-
-
 @pytest.mark.parametrize(
     ("wave", "step", "wanted"),
     [

@@ -13,11 +13,7 @@ from scipy.interpolate import RegularGridInterpolator
 import heliosweep
 from heliosweep import api
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.chain import Inputs, Way, values_of
-from heliosweep.families.field_efficiency.flux import room
 from heliosweep.families.field_efficiency.light_files import read_slopes
-from heliosweep.families.field_efficiency.optics import KEYS
-from heliosweep.layouts.resolve import Layouts
 from tests.families.field_efficiency.test_light_files import FACE, PLACES, SLOPES, field, grid, intercept
 from tests.families.field_efficiency.test_optics import RECEIVER
 
@@ -112,39 +108,6 @@ def test_equal_maps_give_the_bits_of_one_and_zero_maps_a_perfect_mirror(field, t
     zero = intercept(field(slope_map=maps(tmp_path / "zero.nc", 0 * SHAPES, name=["b1", "b2", "b3"]),
                            slope_error=None, rays=2**12))  # fmt: skip
     np.testing.assert_array_equal(zero, intercept(field(slope_error=0, rays=2**12)))
-
-
-@pytest.mark.parametrize("plane", [False, True])
-def test_levels_of_aim_keep_the_images_of_measured_surfaces_on_the_receiver(field, tmp_path, plane):
-    """Maps of uneven slopes have the levels of the slope error of the same variance, with their focus or with none."""
-    rough = 2.0 * np.where(np.indices((36, 36)).sum(axis=0) % 2, 1.0, -1.0)  # a standard deviation of 2 mrad
-    layout = Layouts(field())[()]
-    centre = np.stack((layout.x, layout.y, np.full(3, 5.0)), axis=1)
-    slant = np.linalg.norm(centre - (0.0, 0.0, FACE["height"]), axis=1)
-    slopes = np.repeat(np.stack((rough, rough), axis=-1)[np.newaxis], 3, axis=0)
-    if plane:
-        slopes = slopes - 1e3 * np.stack(np.meshgrid(X, Y), axis=-1) / (
-            2.0 * slant[:, np.newaxis, np.newaxis, np.newaxis]
-        )
-    name = maps(tmp_path / "rough.nc", slopes, name=["b1", "b2", "b3"])
-    if plane:
-        with xr.load_dataset(name) as data:
-            data["slope_x"].attrs["reference"] = "plane"
-            data.to_netcdf(name)
-    blocks = {"aim": {"strategy": "spread", "levels": 3}, "receiver": {**FACE, "width": 12, "height_extent": 12}}
-    if plane:
-        blocks["heliostat"] = {"width": 9, "height": 8, "pivot_height": 5, "focus": 20}  # the maps replace this focus
-    study, smooth = field(blocks, slope_map=name, slope_error=None), field(blocks | {"heliostat": {
-        "width": 9, "height": 8, "pivot_height": 5, "focus": "slant"}}, slope_error=2)  # fmt: skip
-    middle, sides = np.tile([0.0, 0.0, 60.0], (3, 1)), np.tile(SIDES, (3, 1))
-    found, wanted = (
-        room(Way(one, Inputs(one), layout, values_of([given.get(key) for key in KEYS])), centre, sides, middle)
-        for one in (study, smooth)
-        for given in [{key: value for key, _, value in one.parameters()}]
-    )
-    np.testing.assert_allclose(found, wanted, rtol=1e-9)
-    assert (found < 5.9).all()
-    assert (found > 3.0).all()
 
 
 def test_heliostats_without_a_map_have_the_slope_error(field, tmp_path):

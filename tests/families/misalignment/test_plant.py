@@ -187,14 +187,6 @@ def test_spots_that_agree_within_a_few_millimetres_do_not_disagree_if_most_are_h
     assert np.isnan(deviation[:, 9:]).all()
 
 
-def test_a_window_longer_than_the_campaign_is_reported(plant):
-    study = plant(spots(times_of((0, 30), (8, 11, 14)), TRUTH), window="60 d")
-    words = "calibration.window: 60 days contain all spots, which cover 30.2 days: one period shows no drift"
-    assert words in list(study.notes())
-    assert not any("calibration.window" in note for note in plant(spots(times_of((0, 30), (8, 11, 14)), TRUTH),
-                                                                  window="15 d").notes())  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("calibration", "message"),
     [

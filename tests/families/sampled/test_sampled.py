@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from heliosweep import api, open_result
-from heliosweep.errors import HeliosweepError, PlanError
+from heliosweep.errors import PlanError
 from heliosweep.families.family import families, study_classes
 from heliosweep.grid import plan as lazy
 from heliosweep.grid.regions import in_result
@@ -118,26 +118,6 @@ def test_a_longer_sample_begins_with_the_draws_of_a_shorter_one(more: dict[str, 
     for name in ("each", "x1", "x2", "x3"):
         first = long[name].values[..., : short.sizes["sample"]]
         assert first.tobytes() == short[name].values.tobytes(), name
-
-
-def test_goes_on_after_a_kill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = study(NORMALS, {"size": 64, "sensitivity": "sobol"}, execution={"chunks": {"sample": 20}, "workers": 1})
-    whole = api.run(asked, tmp_path / "whole", report=False).path.read_bytes()
-    compute, calls = Functions.compute, []
-
-    def failing(self: Any, *given: Any) -> Any:
-        calls.append(given)
-        if len(calls) == 6:
-            raise KeyboardInterrupt
-        return compute(self, *given)
-
-    monkeypatch.setattr(Functions, "compute", failing)
-    with pytest.raises(HeliosweepError, match="interrupted"):
-        api.run(asked, tmp_path / "killed", report=False)
-    monkeypatch.setattr(Functions, "compute", compute)
-    monkeypatch.setattr(Functions, "calls", 0)
-    assert api.run(asked, tmp_path / "killed", report=False).path.read_bytes() == whole
-    assert 0 < Functions.calls < 64 * 5  # stored parts are not computed again
 
 
 def test_draws_of_names(small: Any, tmp_path: Path) -> None:
