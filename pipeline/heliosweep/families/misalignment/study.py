@@ -111,9 +111,11 @@ class Parameters(Quantity):
     def _one_schema(self) -> dict[str, Any]:
         return {"enum": [2, 4, 6]}
 
-    def _check(self, value: float) -> None:
+    def _checked(self, raw: Any) -> float:
+        value = super()._checked(raw)
         if value not in (2, 4, 6):
             raise Invalid(f"must be {self.bounds()}")
+        return value
 
 
 class Sun(Block):
