@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from heliosweep.lazy import xr
@@ -142,10 +141,6 @@ class Family:
         Function that takes a finished result and returns the lines to print at the end of a run.
     """
 
-    optional: Mapping[str, str] = MappingProxyType({})
-    references = keywords = headlines = cast("tuple[str, ...]", ())
-    _figures = _tables = _remarks = _answers = cast(Any, None)
-
     def __init__(
         self,
         name: str,
@@ -157,7 +152,7 @@ class Family:
         references: tuple[str, ...] = (),
         keywords: tuple[str, ...] = (),
         headlines: tuple[str, ...] = (),
-        optional: Mapping[str, str] = MappingProxyType({}),
+        optional: Mapping[str, str] | None = None,
         figures: Any = None,
         tables: Any = None,
         remarks: Any = None,
@@ -165,7 +160,7 @@ class Family:
     ) -> None:
         self.name, self.title = name, title
         self.references, self.keywords, self.headlines = references, keywords, headlines
-        self.optional = dict(optional)
+        self.optional = dict(optional or {})
         self._study, self._computation, self._example = study, computation, example
         self._figures, self._tables, self._remarks, self._answers = figures, tables, remarks, answers
 
@@ -175,7 +170,7 @@ class Family:
 
     def study_class(self) -> type[Study]:
         """Return the pydantic model of the study file."""
-        return cast("type[Study]", _imported(self._study))
+        return cast("type[Study]", _resolved(self._study))
 
     def example(self) -> str:
         """Return a commented example study file."""
@@ -270,19 +265,17 @@ def _named(name: str) -> Family:
     return families()[name]
 
 
-def _imported(declared: Any) -> Any:
-    """Return a declared object. An object given as ``module:name`` is imported."""
+def _resolved(declared: Any) -> Any:
     return pkgutil.resolve_name(declared) if isinstance(declared, str) else declared
 
 
 def _declared(declared: Any, of: Any) -> Any:
     """Return a declared object. A declared function is called with `of`, which is a study or a result."""
-    found = _imported(declared)
+    found = _resolved(declared)
     return found(of) if callable(found) else found
 
 
 def _computed() -> Any:
-    """Return the module `points`, which imports numerical libraries."""
     return import_module("heliosweep.families.points")
 
 

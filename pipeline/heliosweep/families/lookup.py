@@ -60,7 +60,6 @@ MOST_NUMBERS = 100
 #: Width of a total index's confidence interval above which a warning is given. [1]
 WIDE = 0.1
 
-_INTERVAL = "half the width of the 95 % interval of the {}"
 #: Statistics of each variable by the suffix of their name: additional dimension, long name, and True if dimensionless.
 _STATISTICS: dict[str, tuple[str, str, bool]] = {
     "sample_mean": ("", "mean over the draws of the {}", False),
@@ -71,13 +70,17 @@ _STATISTICS: dict[str, tuple[str, str, bool]] = {
 _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
     SOBOL: {
         "first_order_index": (PARAMETER, "part of the variance of the {} that each parameter explains alone", True),
-        "first_order_interval": (PARAMETER, _INTERVAL.format("first-order index of the {}"), True),
+        "first_order_interval": (
+            PARAMETER,
+            "half the width of the 95 % interval of the first-order index of the {}",
+            True,
+        ),
         "total_index": (
             PARAMETER,
             "part of the variance of the {} that each parameter explains alone and by interactions",
             True,
         ),
-        "total_interval": (PARAMETER, _INTERVAL.format("total index of the {}"), True),
+        "total_interval": (PARAMETER, "half the width of the 95 % interval of the total index of the {}", True),
     },
     MORRIS: {
         "effect_mean": (PARAMETER, "mean elementary effect of each parameter on the {}", False),
@@ -95,12 +98,11 @@ class Wrapped(Family):
     """A family whose computations are done by another family, `inner`."""
 
     def __init__(self, inner: Family) -> None:
-        self.inner, self.name, self.title = inner, inner.name, inner.title
-        self.references, self.keywords, self.headlines = inner.references, inner.keywords, inner.headlines
+        vars(self).update(vars(inner))
+        self.inner = inner
 
-    def study_class(self) -> type[Study]:
-        """Return the pydantic model of the inner family's study file."""
-        return self.inner.study_class()
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        return type(self), (self.inner,)
 
 
 class Sampled(Wrapped):
@@ -112,7 +114,7 @@ class Sampled(Wrapped):
 
     def __init__(self, inner: Family) -> None:
         super().__init__(inner)
-        self.headlines = tuple(f"{name}_sample_mean" for name in inner.headlines)
+        self.headlines, self._answers = tuple(f"{name}_sample_mean" for name in inner.headlines), None
 
     def workload(self, study: Any) -> Workload:
         """Return the workload of all draws. Points are not split. Raises StudyError if dimension names conflict."""
@@ -177,9 +179,8 @@ class Sampled(Wrapped):
             attrs = {"long_name": "percentile of the draws", "units": "percent"}
             labels = labels.assign_coords({PERCENTILE: (PERCENTILE, sample.statistics.percentiles.values(), attrs)})
         if PARAMETER in sizes:
-            attrs = {"long_name": "drawn key, or group of keys"}
             names = np.array(parameter_names(study), dtype=object)
-            labels = labels.assign_coords({PARAMETER: (PARAMETER, names, attrs)})
+            labels = labels.assign_coords({PARAMETER: (PARAMETER, names, {"long_name": "drawn key, or group of keys"})})
         return labels.assign_attrs(sample_design=_words(study))
 
     def prepare(self, study: Any) -> tuple[float, bool]:
@@ -199,16 +200,14 @@ class Sampled(Wrapped):
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
         """Compute the statistics over all draws."""
-        design, made = design_of(study), dict[str, Any]()
+        design, made, wanted = design_of(study), dict[str, Any](), self.variables(study)
         percentiles = study.sample.statistics.percentiles.values()
-        wanted = self.variables(study)
         for name, array in computed.data_vars.items():
             if SAMPLE not in array.dims or array.dtype.kind != "f":
                 continue
-            values = np.ascontiguousarray(array.transpose(..., SAMPLE).to_numpy())
-            results: list[np.ndarray] = []
+            values, results = np.ascontiguousarray(array.transpose(..., SAMPLE).to_numpy()), list[np.ndarray]()
             if statistics.has_statistics(design):
-                results += [*statistics.mean_of_draws(values, design)]
+                results = [*statistics.mean_of_draws(values, design)]
                 results.append(statistics.percentiles_of_draws(values, percentiles, design))
             names = [f"{name}_{ending}" for ending in _STATISTICS][: len(results)]
             of = _SENSITIVITIES.get(design.sensitivity, {})
@@ -225,14 +224,10 @@ class Sampled(Wrapped):
     def remarks(self, result: xr.Dataset) -> Iterable[str]:
         """Yield a remark for each variable whose total indices have wide confidence intervals."""
         for name, array in result.data_vars.items():
-            if str(name).endswith("_total_interval"):
-                wide = float(2 * array.max())
-                if wide > WIDE:
-                    what = str(name).removesuffix("_total_interval")
-                    yield (
-                        f"{what}: the confidence interval of a total index is {wide:.3f} wide, more than {WIDE}: "
-                        "draw more"
-                    )
+            if str(name).endswith("_total_interval") and (wide := float(2 * array.max())) > WIDE:
+                what = str(name).removesuffix("_total_interval")
+                wider = f"is {wide:.3f} wide, more than {WIDE}: draw more"
+                yield f"{what}: the confidence interval of a total index {wider}"
 
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:
         """Return figures that show the distribution of each result and its sensitivity to the drawn keys."""
@@ -248,7 +243,6 @@ class Sampled(Wrapped):
 
 
 def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
-    """Return the CF attributes for a statistic of a variable."""
     attrs = {"units": "1" if pure else one.attrs.get("units", "1")}
     attrs["long_name"] = words.format(one.attrs.get("long_name", "result"))
     if "elementary" in words:
@@ -282,10 +276,6 @@ def _words(study: Study) -> str:
     return f"design of Saltelli on {what}; 95 % intervals of indices {how}"
 
 
-#: Values of the searched keys at a point. Point
-Point = Mapping[str, Any]
-
-
 class Searched(Wrapped):
     """Search for the best point of a study that belongs to another family.
 
@@ -304,11 +294,11 @@ class Searched(Wrapped):
         """Load or compile the kernels that the evaluations need."""
         return self.inner.prepare(self.single(study, {}))
 
-    def single(self, study: Any, point: Point) -> Study:
+    def single(self, study: Any, point: Mapping[str, Any]) -> Study:
         """Return the study for a single point. Keys that are not in the point keep their values."""
         return _with(study, point, {})
 
-    def generation(self, study: Any, points: Sequence[Point]) -> Study:
+    def generation(self, study: Any, points: Sequence[Mapping[str, Any]]) -> Study:
         """Return a study that sweeps the points along one dimension."""
         keys = study.search.searched()
         columns = {key: Sweep(tuple(point[key] for point in points)) for key in keys}
@@ -335,7 +325,7 @@ class Searched(Wrapped):
             extent["choice"].index(value) if isinstance(extent, dict) else value for _, value, _, extent in _keys(study)
         ], dtype=float)  # fmt: skip
 
-    def wrong(self, study: Any, point: Point) -> Problem | None:
+    def wrong(self, study: Any, point: Mapping[str, Any]) -> Problem | None:
         """Return the problem that makes a point infeasible, such as colliding mirrors, or None if it is feasible."""
         try:
             return next(iter(self.single(study, point).check()), None)
@@ -420,14 +410,13 @@ class Searched(Wrapped):
     def plan(self, study: Any, generation: Plan) -> Plan:
         """Derive the plan of a search from the plan of its `first` generation. Each evaluation is a chunk."""
         work, variables = self.workload(study), self.variables(study)
-        sizes = work.sizes
         return Plan(
             work,
             variables,
-            {"points": Cut(sizes, sizes, {EVALUATION: 1})},
+            {"points": Cut(work.sizes, work.sizes, {EVALUATION: 1})},
             generation.workers,
             generation.peak_memory,
-            bytes_of(variables, sizes) + EMPTY_FILE,
+            bytes_of(variables, work.sizes) + EMPTY_FILE,
         )
 
 
@@ -449,10 +438,10 @@ def _with(study: Any, values: Mapping[str, Any], changes: Mapping[str, Any]) -> 
 
     All scalar outputs are enabled and all time series are disabled.
     """
-    output = study.output
-    wanted = dict.fromkeys(type(output).OF_POINTS, True)
-    # A search does not store time series.
-    wanted |= {name: False for name in ("time_series", "field_series") if name in type(output).model_fields}
+    output, series = study.output, ("time_series", "field_series")
+    wanted = dict.fromkeys(type(output).OF_POINTS, True) | {
+        name: False for name in series if name in type(output).model_fields
+    }
     made = study.model_copy(update={"search": None, "output": output.model_copy(update=wanted), **changes})
     for key, value in values.items():
         made = replaced(made, key, value)
@@ -462,8 +451,7 @@ def _with(study: Any, values: Mapping[str, Any], changes: Mapping[str, Any]) -> 
 def family_of(study: Study) -> Family:
     """Return the family of a study, wrapped as `Sampled` or `Searched` if the study has draws or a search."""
     family = families()[study.family]
-    if study.sample is not None:
-        family = Sampled(family)
+    family = family if study.sample is None else Sampled(family)
     return family if study.search is None else Searched(family)
 
 
@@ -477,7 +465,6 @@ def family_of_result(result: xr.Dataset) -> Family | None:
     if "sample" in study:
         family = Sampled(family)
     if study.get("search"):
-        goals = pkgutil.resolve_name("heliosweep.search.result:goals_of")(result)
         family = Searched(family)
-        family.headlines = tuple(goals)
+        family.headlines = tuple(pkgutil.resolve_name("heliosweep.search.result:goals_of")(result))
     return family

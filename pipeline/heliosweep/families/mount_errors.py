@@ -101,8 +101,7 @@ def standard_normals(
     """
     from scipy.special import ndtri  # this import takes 0.2 s, which studies without draws do not need
 
-    normals: NDArray[np.float64] = ndtri(standard_uniforms(seed, stream, heliostats, samples, first))
-    return normals
+    return np.asarray(ndtri(standard_uniforms(seed, stream, heliostats, samples, first)))
 
 
 def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
@@ -116,8 +115,9 @@ def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: 
     for stream, error in enumerate(errors):
         if isinstance(error, Distribution):
             which = seed if error.seed is None else error.seed, stream, heliostats, samples
-            normal = error.kind == NORMAL
-            result[..., stream] = standard_normals(*which) if normal else 2.0 * standard_uniforms(*which) - 1.0
+            result[..., stream] = (
+                standard_normals(*which) if error.kind == NORMAL else 2.0 * standard_uniforms(*which) - 1.0
+            )
     return result
 
 

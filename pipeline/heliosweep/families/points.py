@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -63,8 +63,7 @@ class Points:
         """Return an object that is common to all points of the region. The first call creates it with `make`."""
         if name not in self._once:
             self._once[name] = make()
-        found: T = self._once[name]
-        return found
+        return cast(T, self._once[name])
 
     def column(self, key: str) -> tuple[tuple[str, ...], np.ndarray | None]:
         """Return the dimensions along which a key varies, and its values over all swept dimensions (None if unset)."""
@@ -135,8 +134,7 @@ class Point:
     @property
     def timezone(self) -> str:
         """Time zone of the site."""
-        here = dict(zip(self.points.sizes, self.index, strict=True))
-        return self.points.parameters.timezones()[here.get("site", 0)]
+        return self.points.parameters.timezones()[dict(zip(self.points.sizes, self.index, strict=True)).get("site", 0)]
 
     @property
     def position(self) -> dict[str, int]:
@@ -238,9 +236,8 @@ def coordinates(study: Any, work: Computation) -> xr.Dataset:
 
 def inputs(study: Any, work: Computation) -> Inputs:
     """Read the layouts and the input files of a study."""
-    has_layouts = any(HELIOSTAT in one.dims for one in work.variables.values())
-    layouts = (work.layouts or LayoutAxis)(study) if has_layouts else None
-    return Inputs(layouts, None if work.inputs is None else work.inputs())
+    of_field = any(HELIOSTAT in one.dims for one in work.variables.values())
+    return Inputs((work.layouts or LayoutAxis)(study) if of_field else None, work.inputs and work.inputs())
 
 
 def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.Dataset:
@@ -265,8 +262,7 @@ def compute(study: Any, work: Computation, given: Inputs, region: Region) -> xr.
 
 def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> None:
     """Write the values of a variable at a point, or at the points of a group, to `array`."""
-    swept = point.points.sizes
-    kept = [dim in variable.dims for dim in swept]
+    kept = [dim in variable.dims for dim in point.points.sizes]
     spans: tuple[Any, ...] = tuple(span for span, keep in zip(point.spans, kept, strict=True) if keep)
     target = array[(*spans, ...)]  # the ellipsis gives an array even without dimensions
     outer, inner = target.shape[: sum(kept)], target.shape[sum(kept) :]
@@ -291,13 +287,9 @@ def prepare(study: Any, work: Computation) -> tuple[float, bool]:
     began, before = time.perf_counter(), compilations()
     if work.prepare is not None:
         work.prepare()
-        return time.perf_counter() - began, compilations() > before
-    given = inputs(study, work)
-    region = {dim: slice(0, 1) for dim in Parameters(study).sizes}
-    if work.split:
-        region[work.split] = slice(0, 2)
-    if any(one.kind == "points" for one in work.variables.values()):
-        compute(study, work, given, region)
-    if any(one.kind == "series" for one in work.variables.values()):
-        compute(study, work, given, {**region, TIME: slice(0, 1)})
+    else:
+        given, region = inputs(study, work), {dim: slice(0, 1) for dim in Parameters(study).sizes}
+        region |= {work.split: slice(0, 2)} if work.split else {}
+        for kind in dict.fromkeys(one.kind for one in work.variables.values()):
+            compute(study, work, given, {**region, TIME: slice(0, 1)} if kind == "series" else region)
     return time.perf_counter() - began, compilations() > before

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import itertools
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -158,19 +157,21 @@ class Compared:
         for unit in dict.fromkeys(one.unit for one in self.values):
             differences = [abs(one.difference) for one in self.values if one.unit == unit]
             most = max(filter(math.isfinite, differences), default=math.nan)
-            suffix = "" if unit == "1" else f" {unit}"
-            largest.append(f"{most:.3f} percentage points" if unit == "percent" else f"{most:.3g}{suffix}")
-        count = sum(one.agrees for one in self.values)
-        text = f"{count} of {len(self.values)} published values agree"
-        if not self.agrees and self.explained:
-            text += ", the others are explained"
+            largest.append(
+                f"{most:.3f} percentage points" if unit == "percent" else f"{most:.3g} {unit}".removesuffix(" 1")
+            )
+        text = f"{sum(one.agrees for one in self.values)} of {len(self.values)} published values agree"
+        text += ", the others are explained" * (not self.agrees and self.explained)
         return f"{text}; largest difference {' and '.join(largest)}" if largest else text
 
     @property
     def surprises(self) -> list[str]:
         """Messages about values and verdicts that differ from those stated in the table."""
-        known = [(one, one.surprise) for one in self.values]
-        return [f"{one.claim or ' '.join([one.quantity, *one.where.values()])}: {text}" for one, text in known if text]
+        return [
+            f"{one.claim or ' '.join([one.quantity, *one.where.values()])}: {one.surprise}"
+            for one in self.values
+            if one.surprise
+        ]
 
     def table(self, result: xr.Dataset) -> tables.Table:
         """Return the table for readers, with one row for each published number."""
@@ -185,8 +186,7 @@ class Compared:
             )
             for one in self.values
         ]
-        named = zip(("claim", "quantity", *labels, *last), zip(*rows, strict=True), strict=False)
-        columns = [tables.Column(head, list(cells)) for head, cells in named if any(cells)]
+        columns = tables.columns_of(("claim", "quantity", *labels, *last), rows)
         note = "Difference: computed minus published, in percentage points if the unit is %."
         classes = [AGREES if one.agrees else "differs" for one in self.values]
         return tables.Table("Computed and published", columns, [note], classes=classes)
@@ -220,18 +220,17 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
             table.add(f"has two columns {key!r}; remove one", HEADER, position)
     texts = {key: table.texts(key) for key in table.header}
     numbers = {key: table.column(key) for key in ("published", "tolerance")}
-    for row, key in itertools.product(range(len(table)), ("quantity", "unit")):
-        if not texts[key][row]:
-            table.add(f"{key} is empty", row, key)
-    for row, verdict in enumerate(texts.get("verdict", ())):
-        if verdict and verdict not in VERDICTS:
-            table.add(f"verdict must be {one_of(VERDICTS)} (got {verdict[:40]!r})", row, "verdict")
-    table.finish()
     values = []
     for row, line in enumerate(table.lines.tolist()):
         cells = {key: column[row] for key, column in texts.items()}
+        for key in ("quantity", "unit"):
+            if not cells[key]:
+                table.add(f"{key} is empty", row, key)
+        if (verdict := cells.get("verdict", "")) not in ("", *VERDICTS):
+            table.add(f"verdict must be {one_of(VERDICTS)} (got {verdict[:40]!r})", row, "verdict")
         published, tolerance = (float(numbers[key][row]) for key in ("published", "tolerance"))
         values.append(_comparison(cells, math.nan, published, tolerance, ("computed", "verdict"), line))
+    table.finish()
     return Compared(values, source, file)
 
 
@@ -256,8 +255,7 @@ def compare(result: xr.Dataset, table: Compared) -> Compared:
     """Compare published numbers with a result. Raises StudyError as `locate` does."""
     values = []
     for one, (point, scale) in zip(table.values, locate(result, table), strict=True):
-        array = result[one.quantity].isel(point)
-        values.append(replace(one, computed=float(array) * scale))
+        values.append(replace(one, computed=float(result[one.quantity].isel(point)) * scale))
     return replace(table, values=values)
 
 
@@ -331,8 +329,7 @@ def value_label(value: Any, letters: int = 10) -> str:
 
 
 def _hint(name: str, known: Iterable[Any]) -> str:
-    names = list(map(str, known))
-    return did_you_mean(name, names) or f"; the result has {', '.join(names) or 'none'}"
+    return did_you_mean(name, known) or f"; the result has {', '.join(map(str, known)) or 'none'}"
 
 
 def comparison_csv(compared: Compared) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.layouts.ground import AREAS
+from heliosweep.lazy import shapely
 
 DEGREE, MINUS, NO_BREAK_SPACE, NOTHING = "\N{DEGREE SIGN}", "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}", "\N{EN DASH}"
 
@@ -102,16 +103,15 @@ def axis_label(array: xr.DataArray) -> str:
 
 def latitude_text(value: float, ends: str = "NS") -> str:
     """Return a latitude with its hemisphere, or a longitude if `ends` is ``EW``."""
-    hemisphere = "" if value == 0 else f" {ends[int(value < 0)]}"
-    return f"{abs(value):g}{DEGREE}{hemisphere}"
+    return f"{abs(value):g}{DEGREE}{'' if value == 0 else f' {ends[int(value < 0)]}'}"
 
 
 def value_texts(coordinate: xr.DataArray) -> list[str]:
     """Return the values of a coordinate with their unit."""
     values, name, kind = np.atleast_1d(coordinate.to_numpy()), coordinate.name, coordinate.dtype.kind
     if kind in "mM":
-        dates = values.astype("datetime64[D]" if name == "date" else "datetime64[m]").astype(str).tolist()
-        return [text.removesuffix("T00:00") for text in dates]
+        dates = values.astype("datetime64[D]" if name == "date" else "datetime64[m]").astype(str)
+        return [text.removesuffix("T00:00") for text in dates.tolist()]
     if kind in "OU":
         if name in ("site", "layout", "heliostat", "name", "id"):  # labels need no unit
             return [re.sub(r"^(?:.*/)?(.*)\.csv$", r"\1", str(text)) for text in values]
@@ -119,9 +119,8 @@ def value_texts(coordinate: xr.DataArray) -> list[str]:
         return [str(text).replace("_", "-" if hyphened else " ") for text in values]
     if ends := "NS" if is_latitude(coordinate) else {"degrees_east": "EW"}.get(str(coordinate.attrs.get("units"))):
         return [latitude_text(float(value), ends) for value in values]
-    unit = unit_of(coordinate)
-    space = "" if unit.startswith(DEGREE) else " "
-    return [f"{value:g}{space}{unit}".rstrip().replace("-", MINUS) for value in values.astype(float)]
+    unit = f" {unit_of(coordinate)}".replace(f" {DEGREE}", DEGREE)
+    return [f"{value:g}{unit}".rstrip().replace("-", MINUS) for value in values.astype(float)]
 
 
 def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
@@ -160,8 +159,7 @@ def is_geometric(values: np.ndarray) -> bool:
 
 def at(array: xr.DataArray, *points: Point) -> xr.DataArray:
     """Select positions along the dimensions of an array, without reading values. Other dimensions are ignored."""
-    everything = {dim: index for point in points for dim, index in point.items()}
-    return array.isel({dim: index for dim, index in everything.items() if dim in array.dims})
+    return array.isel({dim: index for point in points for dim, index in point.items() if dim in array.dims})
 
 
 class Context:
@@ -204,8 +202,7 @@ class Context:
             return int(np.argmin(np.abs(values.astype(float) - usual)))
         if isinstance(usual, Sequence):
             return next((list(values).index(word) for word in usual if word in values), 0)
-        order = self.order(dim)
-        return int(order[(order.size - 1) // 2]) if values.dtype.kind in "fiuM" else 0
+        return int(self.order(dim)[(values.size - 1) // 2]) if values.dtype.kind in "fiuM" else 0
 
     def fixed(self, array: xr.DataArray, *shown: str | None) -> dict[str, int]:
         """Return the selected positions along all dimensions of an array that are not shown."""
@@ -242,25 +239,20 @@ class Context:
         text = axis_label(coordinate).split(":")[0] if dim in self.result.coords else dim.replace("_", " ")
         return text.removesuffix(f" ({unit_of(coordinate)})") if is_latitude(coordinate) else text
 
-    def words(self, dim: str) -> list[str]:
-        """Return the values along a dimension with their unit, or the names of heliostats and modules."""
+    def value(self, dim: str, index: int) -> str:
+        """Return one value along a dimension with its unit, or the name of a heliostat or module."""
         if dim not in self._words:
             coords = self.result.coords
             named = [coords[key] for key in ("name", "id") if key in coords and coords[key].dims == (dim,)]
             if named and (named[0].name == "name" or named[0].dtype.kind in "OU"):
-                texts = list(map(str, named[0].to_numpy()))
+                self._words[dim] = list(map(str, named[0].to_numpy()))
             elif dim in coords and coords[dim].ndim == 1:
-                texts = value_texts(coords[dim])
+                self._words[dim] = value_texts(coords[dim])
             else:
                 along = [value_texts(one) for one in coords.values() if one.dims == (dim,)]
                 numbers = [[f"{dim.replace('_', ' ')} {i + 1}" for i in range(self.result.sizes[dim])]]
-                texts = [", ".join(parts) for parts in zip(*(along[:2] or numbers), strict=True)]
-            self._words[dim] = texts
-        return self._words[dim]
-
-    def value(self, dim: str, index: int) -> str:
-        """Return one value with its unit, or the name of a heliostat or module."""
-        return self.words(dim)[index]
+                self._words[dim] = [", ".join(parts) for parts in zip(*(along[:2] or numbers), strict=True)]
+        return self._words[dim][index]
 
     def full(self, dim: str, index: int) -> str:
         """Return the name of a dimension and one of its values."""
@@ -281,56 +273,40 @@ class Context:
 
         Each element of `shown` lists the points of one dimension that are shown.
         """
-        sizes, thinned = self.result.sizes, [(dim, list(points)) for points in shown for dim in next(iter(points), ())]
-        parts = [
-            f"{len(one)} of {sizes[dim]} values of {self.title(dim)}" for dim, one in thinned if len(one) < sizes[dim]
-        ]
+        sizes, thinned = self.result.sizes, [(dim, len(points)) for points in shown for dim in next(iter(points), ())]
+        parts = [f"{few} of {sizes[dim]} values of {self.title(dim)}" for dim, few in thinned if few < sizes[dim]]
         held = [f"{self.full(dim, index)} (one of {sizes[dim]})" for dim, index in fixed.items() if sizes[dim] > 1]
-        sentences = {"Shown": parts, "Fixed": held}
-        return " ".join(f"{word}: {', '.join(texts)}." for word, texts in sentences.items() if texts)
+        return " ".join(f"{word}: {', '.join(texts)}." for word, texts in (("Shown", parts), ("Fixed", held)) if texts)
 
 
 #: Side of a mirror of unknown size relative to the square root of its land area; minimum side relative to the map. [1]
 PACKING, SMALLEST = 0.55, 1 / 250
-_NAMES = {"boundary": "boundary", "exclude": "no heliostats"}
 
 
 def mirrors(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return x, y, width and height of the mirrors of a field; small mirrors are enlarged to be visible. [m]"""
     x, y = (here[name].to_numpy().astype(float) for name in "xy")
     spans = [float(np.ptp(side[np.isfinite(side)])) if np.isfinite(side).any() else 1.0 for side in (x, y)]
-    count = max(int(np.isfinite(x).sum()), 1)
-    usual = max(PACKING * math.sqrt(spans[0] * spans[1] / count), max(spans) / 60, 1.0)
-    width, height = (
-        np.maximum(
-            np.broadcast_to(np.asarray(here[name] if name in here.coords else usual, float), x.shape),
-            SMALLEST * max(spans),
-        )
-        for name in ("heliostat_width", "heliostat_height")
-    )
+    usual = max(PACKING * math.sqrt(spans[0] * spans[1] / max(int(np.isfinite(x).sum()), 1)), max(spans) / 60, 1.0)
+    sides = (here.coords.get(name, usual) for name in ("heliostat_width", "heliostat_height"))
+    width, height = (np.maximum(np.broadcast_to(side, x.shape), SMALLEST * max(spans)) for side in sides)
     return x, y, width, height
 
 
 def areas(result: xr.Dataset) -> dict[str, list[np.ndarray]]:
     """Return the corners of the areas of a field by name, each array of shape (corners, 2). [m]"""
-    texts = {_NAMES[key]: result.attrs[attribute] for key, attribute in AREAS.items() if attribute in result.attrs}
-    if not texts:
-        return {}
-    import shapely
-
-    found = {}
-    for name, text in texts.items():
-        lines = shapely.get_parts(shapely.boundary(shapely.get_parts(shapely.from_wkt(str(text)))))
-        found[name] = [shapely.get_coordinates(line) for line in lines]
+    found, names = {}, {"boundary": "boundary", "exclude": "no heliostats"}
+    for key, attribute in AREAS.items():
+        if attribute in result.attrs:
+            parts = shapely.get_parts(shapely.from_wkt(str(result.attrs[attribute])))
+            lines = shapely.get_parts(shapely.boundary(parts))
+            found[names[key]] = [shapely.get_coordinates(line) for line in lines]
     return found
 
 
 def aperture(result: xr.Dataset, point: Point) -> tuple[float, float] | None:
     """Return width and height of the receiver's aperture at a point, or None. [m]"""
-    sides = []
-    for name in ("receiver_width", "receiver_height_extent"):
-        side = at(result[name], point) if name in result.coords else None
-        if side is None or side.ndim or side.dtype.kind not in "fiu" or not 0 < side < np.inf:
-            return None
-        sides.append(float(side))
-    return sides[0], sides[1]
+    names = ("receiver_width", "receiver_height_extent")
+    sides = [at(result[name], point) for name in names if name in result.coords]
+    known = [float(side) for side in sides if not side.ndim and side.dtype.kind in "fiu" and 0 < side < np.inf]
+    return (known[0], known[1]) if len(known) == 2 else None

@@ -166,8 +166,8 @@ def drawn(result: xr.Dataset, figure: Figure) -> list[NamedFigure]:
             made = shown.draw(result)
             drawing, more = made if isinstance(made, tuple) else (made, "")
             return [] if drawing is None else [NamedFigure(shown.name, _caption(shown, more), drawing)]
-        over = axes_of(result, shown, shown.variables[0])
-        return list(_FORMS[type(shown)](Context(result, shown.at), shown, over or []))
+        form: Any = {Curves: _curves, Planes: _planes}.get(type(shown), _coloured)
+        return list(form(Context(result, shown.at), shown, axes_of(result, shown, shown.variables[0])))
 
 
 def _caption(figure: Figure, *more: str) -> str:
@@ -253,7 +253,6 @@ def _tick_dates(axis: Axis, most: int = 6) -> None:
 
 
 def _tick_plain(axis: Axis) -> None:
-    """Write the numbers of a logarithmic axis without exponents."""
     plain = ticker.FuncFormatter(lambda value, _: f"{value:g}")
     axis.set_major_formatter(plain)
     low, high = sorted(axis.get_view_interval())
@@ -261,7 +260,6 @@ def _tick_plain(axis: Axis) -> None:
 
 
 def _curves(context: Context, figure: Curves, over: Sequence[str]) -> Iterator[NamedFigure]:
-    """Draw curves. Variables with the same horizontal axis share a figure."""
     result, (axis,) = context.result, over
     names, line, lines, places, fixed = _curves_chosen(context, figure, axis)
     shown, words = list(itertools.product(names, places)), context.along(axis)[1]
@@ -338,11 +336,9 @@ def _varies(array: xr.DataArray, axis: str) -> bool:
 
 
 def _band(result: xr.Dataset, figure: Curves, name: str) -> Sequence[str]:
-    """Return the names of the variables that bound the band about a variable, or the name of its standard error."""
-    for pair in (figure.bands.get(name, ()), (f"{name}_error",), (f"{name}_standard_error",)):
-        if pair and all(end in result and set(result[end].dims) <= set(result[name].dims) for end in pair):
-            return pair
-    return ()
+    dims, pairs = set(result[name].dims), (figure.bands.get(name, ()), (f"{name}_error",), (f"{name}_standard_error",))
+    known = {name for name, one in result.data_vars.items() if set(one.dims) <= dims}
+    return next((pair for pair in pairs if pair and set(pair) <= known), ())
 
 
 def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], ordered: bool) -> dict[str, dict[str, Any]]:
@@ -382,21 +378,17 @@ def _scale(axes: Axes, array: xr.DataArray, logarithmic: bool) -> None:
         axes.set_ylim((low + high) / 2 - half, (low + high) / 2 + half)
 
 
-#: Scale, colours and pointed ends of a colour bar.
-Look: TypeAlias = tuple[Normalize, Colormap, str]
-
-
-def shades(maps: Sequence[np.ndarray], palette: str = "", about_zero: bool = False) -> Look:
+def shades(maps: Sequence[np.ndarray], palette: str = "") -> tuple[Normalize, Colormap, str]:
     """Return scale, colours and pointed ends of a colour bar for the values of some maps.
 
-    If the values have both signs, the colours diverge from zero.
+    If the values have both signs, or if the palette is `DIFFERENCES`, the colours diverge from zero.
     """
     every = np.concatenate([values[np.isfinite(values)] for values in maps])
     every = every if every.size else np.array([0.0, 1.0])
     low, high = (float(end) for end in np.quantile(every, [1 - 0.995, 0.995]))
     if high - low < 1e-6 * max(abs(low), abs(high), 1e-12):
         low, high = low - max(abs(low), 1e-6) / 1000, high + max(abs(high), 1e-6) / 1000
-    if about_zero or (not palette and is_signed(low, high)):
+    if palette == DIFFERENCES or (not palette and is_signed(low, high)):
         low, high, palette = -max(-low, high), max(-low, high), DIFFERENCES
     beyond = (every.min() < low - 0.02 * (high - low), every.max() > high + 0.02 * (high - low))
     extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, "neither")
@@ -418,7 +410,6 @@ def colour_bar(
 
 
 def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterator[NamedFigure]:
-    """Draw maps or pictures, with a panel for each point of the sweep or for each variable."""
     shown, fixed, columns, note = (_each_variable if figure.each else _each_point)(context, figure, over)
     if not any(np.isfinite(values).any() for *_, values in shown):
         return
@@ -428,7 +419,7 @@ def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterat
     maps = [values for *_, values in shown]
     for axes, (name, point, values) in zip(grid, shown, strict=True):
         array = context.result[name]
-        look = _look(figure, [values] if figure.each else maps, array)
+        look = _look(figure, [values] if figure.each else maps)
         _panel(axes, context, figure, over, array, {**fixed, **point}, values, look)
         axes.set_title(fold(_title(context, figure, array, point, values), int(TITLE_LETTERS * WIDE / max(columns, 2))))
         if figure.each or (axes is grid[0] and not figure.kinds):
@@ -453,7 +444,7 @@ def _shape(context: Context, figure: Coloured, over: Sequence[str]) -> tuple[flo
 
 def _panel(
     axes: Axes, context: Context, figure: Coloured, over: Sequence[str], array: xr.DataArray, place: Point,
-    values: np.ndarray, look: Look,
+    values: np.ndarray, look: Sequence[Any],
 ) -> None:  # fmt: skip
     """Draw the mirrors of a field, or cells over two dimensions with the first dimension upwards."""
     if isinstance(figure, Maps):
@@ -472,13 +463,11 @@ def _panel(
 
 
 def _title(context: Context, figure: Coloured, array: xr.DataArray, point: Point, values: np.ndarray) -> str:
-    """Return the title of a coloured panel: point, mean of a map, and the variable if there are several."""
     if isinstance(figure, Maps):
-        known = values[np.isfinite(values)]
-        mean = number_texts(np.array([known.mean() if known.size else np.nan]))[0]
+        mean = number_texts(np.ma.masked_invalid(values).mean(keepdims=True).filled(np.nan))[0]
         return f"{context.fulls(point)}\nmean {mean} {unit_of(array)}".strip()
-    several = len(figure.variables) > 1 and not figure.each
-    return "\n".join(filter(None, [capital(title_of(array)) if several else "", context.fulls(point)]))
+    name = capital(title_of(array)) if len(figure.variables) > 1 and not figure.each else ""
+    return f"{name}\n{context.fulls(point)}".strip()
 
 
 #: Variable, point and values of each panel; fixed positions; number of columns; sentence for the caption.
@@ -486,7 +475,6 @@ Chosen: TypeAlias = tuple[list[tuple[str, Point, np.ndarray]], dict[str, int], i
 
 
 def _each_variable(context: Context, figure: Coloured, over: Sequence[str]) -> Chosen:
-    """Choose a panel for each variable that varies."""
     names = [name for name in figure.variables if set(over) <= set(context.result[name].dims)]
     every = [(name, dict[str, int](), _values(context, name, over)) for name in names]
     shown = [one for one in every if np.unique(one[2][np.isfinite(one[2])]).size > 1][:MOST_PANELS]
@@ -516,10 +504,6 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
     return [*shown], fixed, columns, note
 
 
-#: Attribute that marks an array of differences.
-_ABOUT_ZERO = "differences"
-
-
 def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
     """Return a result and a figure with the first value along `figure.less` minus each of the others."""
     dim, array = figure.less, context.result[figure.variables[0]]
@@ -531,27 +515,25 @@ def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
     second = words[1] if len(words) == 2 else "each other one"
     difference = (first - others).transpose(*array.dims)
     difference = difference.copy(data=printed(difference.assign_attrs(array.attrs)))
-    attrs = {"units": unit, "long_name": f"{words[0]} minus {second}", _ABOUT_ZERO: True}
+    attrs = {"units": unit, "long_name": f"{words[0]} minus {second}"}
     title = f"Difference of the {title_of(array)}: red if {words[0]} is higher"
     result = context.result.isel({dim: slice(1, None)}).assign(differences=difference.assign_attrs(attrs))
     result = result.isel({dim: 0}) if len(words) == 2 else result
     return Context(result, context.held), replace(
-        figure, name=f"{figure.name}_differences", title=title, variables=["differences"], less=""
+        figure, name=f"{figure.name}_differences", title=title, variables=["differences"], less="", palette=DIFFERENCES
     )
 
 
 def _values(context: Context, name: str, over: Sequence[str], *points: Point) -> np.ndarray:
     """Return the printed values of a variable over some dimensions; two dimensions are sorted."""
     array = context.result[name]
-    part = at(array, context.fixed(array, *over), *points).transpose(*over)
-    values = np.asarray(printed(part), dtype=float)
+    values = np.asarray(printed(at(array, context.fixed(array, *over), *points).transpose(*over)), dtype=float)
     return values[np.ix_(*map(context.order, over))] if len(over) > 1 else values
 
 
-def _look(figure: Coloured, maps: Sequence[np.ndarray], array: xr.DataArray) -> Look:
-    """Return the scale and colours for numbers, or for values that are codes for categories."""
+def _look(figure: Coloured, maps: Sequence[np.ndarray]) -> tuple[Normalize, Colormap, str]:
     if not figure.kinds:
-        return shades(maps, figure.palette, _ABOUT_ZERO in array.attrs)
+        return shades(maps, figure.palette)
     codes = sorted(figure.kinds)
     colours = ListedColormap([figure.kinds[code][1] for code in codes]).with_extremes(bad=NO_VALUE)
     return BoundaryNorm([codes[0] - 0.5, *(code + 0.5 for code in codes)], len(codes)), colours, "neither"
@@ -586,9 +568,8 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
         linewidths=0.2 if len(centre) < 3000 else 0.0, edgecolors=(0.0, 0.0, 0.0, 0.35),
     )  # fmt: skip
     axes.add_collection(squares)
-    for name, rings in areas(here).items():
-        for ring in rings:
-            axes.add_patch(patches.Polygon(ring, **_AREAS[name]))
+    for name, ring in ((name, ring) for name, rings in areas(here).items() for ring in rings):
+        axes.add_patch(patches.Polygon(ring, **_AREAS[name]))
     z = here["z"].to_numpy() if "z" in here.coords and here["z"].dims == (HELIOSTAT,) else np.zeros(x.size)
     if placed.any() and np.ptp(z[placed]) >= 1.0:  # m
         with suppress(RuntimeError, ValueError):  # mirrors in a straight line cannot be triangulated
@@ -608,34 +589,28 @@ def edges(values: np.ndarray, logarithmic: bool = False) -> np.ndarray:
 
 
 def _outline_modules(axes: Axes, result: xr.Dataset) -> None:
-    """Draw the modules of a mirror with their numbers, if the result has them."""
     names = ["module", *(f"module_{side}" for side in ("y", "z", "width", "height"))]
     if all(name in result.coords and result[name].dims == ("module",) for name in names):
         for number, y, z, wide, high in zip(*(result[name].to_numpy() for name in names), strict=True):
-            corner = (y - wide / 2, z - high / 2)
-            axes.add_patch(patches.Rectangle(corner, wide, high, fill=False, edgecolor="#333333", linewidth=0.5))
+            frame: Any = {"fill": False, "edgecolor": "#333333", "linewidth": 0.5}
+            axes.add_patch(patches.Rectangle((y - wide / 2, z - high / 2), wide, high, **frame))
             halo = [patheffects.withStroke(linewidth=1.6, foreground="white")]
             axes.text(y, z, f"{number:g}", ha="center", va="center", fontsize=6.5, path_effects=halo)
 
 
 def _planes(context: Context, figure: Planes, paths: Sequence[str]) -> Iterator[NamedFigure]:
-    """Draw paths of points in planes with equal axes, with a panel for each value of a dimension."""
     result, name = context.result, figure.variables[0]
     up = result[name]
     dims = [str(dim) for dim in up.dims if up.sizes[dim] > 1]
     line, other, *_ = [*(dim for dim in figure.lines if dim in {*dims} - {*paths}), None, None]
-    panel, *_ = [
-        *(dim for dim in (*figure.panels, HELIOSTAT) if dim in dims and dim not in (*paths, line, other)),
-        None,
-    ]
+    panel = next((dim for dim in (*figure.panels, HELIOSTAT) if dim in {*dims} - {*paths, line, other}), None)
     colour = figure.colour if figure.colour in dims else None
     fixed = context.fixed(up, *paths, line, other, panel, colour)
     worst = at(result[figure.worst], fixed) if panel == HELIOSTAT and figure.worst in result else None
     places = context.chosen(panel, MOST_PANELS, at(up, fixed), worst)
     lines, columns = context.chosen(line, MOST_LINES), abreast(len(places))
     looks = _looks([context.values(point) for point in lines], figure.looks, is_ordered(result, str(line)))
-    points = itertools.product(lines, context.chosen(other, 3))
-    pairs = [(looks[context.values(point)], point, one) for point, one in points]
+    pairs = [(looks[context.values(point)], point, one) for point in lines for one in context.chosen(other, 3)]
     drawing, grid = panels(max(1, len(places)), columns, 0.82, layout="compressed")
     entries: dict[str, Any] = {}
     for axes, place in zip(grid, places, strict=False):
@@ -644,14 +619,8 @@ def _planes(context: Context, figure: Planes, paths: Sequence[str]) -> Iterator[
     if entries:
         if colour:
             hues = context.coordinate(colour).astype(float)
-            colour_bar(
-                drawing,
-                grid,
-                Normalize(float(hues.min()), float(hues.max())),
-                colormaps[VALUES],
-                "neither",
-                context.label(colour),
-            )
+            norm = Normalize(float(hues.min()), float(hues.max()))
+            colour_bar(drawing, grid, norm, colormaps[VALUES], "neither", context.label(colour))
         entries = {} if colour in paths[:1] else entries  # the colour bar shows the values along a path
         legend(drawing, entries, context.title(str(line)) if is_ordered(result, str(line)) else "")
         yield NamedFigure(figure.name, _caption(figure, context.note(fixed, places, lines)), drawing)
@@ -682,12 +651,7 @@ def _plane(
         else:
             line, text = (look["linestyle"], label) if colour in paths[:1] else ("", text)
             axes.plot(x, y, color="#666666", linewidth=0.6, linestyle=line)
-            spots: Any = {
-                "norm": Normalize(float(hues.min()), float(hues.max())),
-                "cmap": VALUES,
-                "linewidths": 0,
-                "zorder": 3,
-            }
+            spots: Any = {"cmap": VALUES, "vmin": hues.min(), "vmax": hues.max(), "linewidths": 0, "zorder": 3}
             entries[label] = axes.scatter(x, y, 10, hue, marker=look["marker"] or "o", **spots)
         tracks.append(np.stack([x, y], axis=-1)[known])
         axes.annotate(text, tracks[-1][-1], xytext=(3, 3), textcoords="offset points", fontsize=6)
@@ -716,14 +680,6 @@ def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, fl
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(ticker.MaxNLocator(4))
 
-
-_FORMS: dict[type, Any] = {
-    Curves: _curves,
-    Maps: _coloured,
-    Rasters: _coloured,
-    Grids: _coloured,
-    Planes: _planes,
-}
 
 #: Resolution of images [1/inch], and white margin around a figure [pixel].
 DPI, RIM = 180, 8
@@ -773,9 +729,8 @@ def pixels(figure: Drawing) -> Image.Image:
         picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     figure.set_canvas(FigureCanvasBase(figure))  # frees the buffer of the previous canvas
     left, top, right, bottom = ImageChops.invert(picture).getbbox() or (0, 0, *picture.size)
-    size = picture.size
-    rim = (max(left - RIM, 0), max(top - RIM, 0), min(right + RIM, size[0]), min(bottom + RIM, size[1]))
-    return picture.crop(rim)
+    ends = min(right + RIM, picture.width), min(bottom + RIM, picture.height)
+    return picture.crop((max(left - RIM, 0), max(top - RIM, 0), *ends))
 
 
 def png(picture: Image.Image) -> bytes:
@@ -798,8 +753,7 @@ def image(figure: Drawing, kind: str = "png") -> bytes:
     """
     if kind == "png":
         return png(pixels(figure))
-    buffer = io.BytesIO()
-    date = {"svg": "Date", "pdf": "CreationDate"}[kind]
+    buffer, dateless = io.BytesIO(), {{"svg": "Date", "pdf": "CreationDate"}[kind]: None}
     with matplotlib.rc_context(_RC):
-        figure.savefig(buffer, format=kind, dpi=DPI, bbox_inches="tight", metadata={date: None})
+        figure.savefig(buffer, format=kind, dpi=DPI, bbox_inches="tight", metadata=dateless)
     return buffer.getvalue()

@@ -12,7 +12,7 @@ import xarray as xr
 
 from heliosweep.report.context import Context, at, capital, head_of, is_fraction, quantities, title_of, unit_of
 from heliosweep.report.figures import Curves, Figure, default_figures
-from heliosweep.report.tables import Column, Table, number_texts, numbers
+from heliosweep.report.tables import Table, columns_of, number_texts, numbers
 
 SAMPLE, PARAMETER = "sample", "parameter"
 #: Maximum number of dots in a figure, and of rows in a table.
@@ -50,9 +50,8 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figur
             "distribution", heading, names[:1], over=["exceedance"], derive=partial(_exceeded, names[0]), most=1
         )
     if sensitivity in _KINDS:
-        heading = _KINDS[sensitivity][0].format(title)
-        derive = partial(_sensitivities, names[0])
-        yield Curves("sensitivity", heading, ["sensitivity"], over=[PARAMETER], derive=derive, interactive=False)
+        yield Curves("sensitivity", _KINDS[sensitivity][0].format(title), ["sensitivity"], over=[PARAMETER],
+                     derive=partial(_sensitivities, names[0]), interactive=False)  # fmt: skip
     key = _leading_key(result, names[0])
     if key and f"{names[0]}_sample_mean" in result:
         heading = f"Draws of the {title} over the key with the highest rank correlation"
@@ -89,7 +88,7 @@ def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]
         yield numbers(each, dims, arrays, f"Sensitivity of the {title_of(result[names[0]])}", [_KINDS[sensitivity][2]])
     keys = [(title_of(one), one.attrs["distribution"], one.attrs.get("units", "")) for one in _keys(result)]
     design = str(result.attrs.get("sample_design", ""))
-    columns = [Column(head, [row[i] for row in keys]) for i, head in enumerate(("key", "distribution", "unit"))]
+    columns = columns_of(("key", "distribution", "unit"), keys)
     yield Table("Drawn keys", columns, notes=[f"{capital(design)}."] if design else [])
 
 
@@ -100,30 +99,26 @@ def _sensitivity_of(result: xr.Dataset) -> str:
 def _names(result: xr.Dataset, headlines: Sequence[str]) -> list[str]:
     """Return the names of the results with draws over the same dimensions, starting with the first headline number."""
     each = {name: result.variables[name] for name in quantities(result)}
-    drawn = {name: array.dims for name, array in each.items() if SAMPLE in array.dims and array.dtype.kind == "f"}
-    if not drawn:
-        return []
-    first = next((name for name in headlines if name in drawn), next(iter(drawn)))
-    common = set.intersection(*map(set, drawn.values()))
-    return [first, *(name for name, dims in drawn.items() if set(dims) == common and name != first)]
+    drawn = {name: set(one.dims) for name, one in each.items() if SAMPLE in one.dims and one.dtype.kind == "f"}
+    first = [*(name for name in headlines if name in drawn), *drawn][:1]
+    return first + [
+        name for name, dims in drawn.items() if dims == set.intersection(*drawn.values()) and name not in first
+    ]
 
 
 def _keys(result: xr.Dataset) -> list[xr.DataArray]:
-    """Return the drawn keys."""
     return [one for one in result.coords.values() if one.dims == (SAMPLE,) and "key" in one.attrs]
 
 
 def _draws(result: xr.Dataset, name: str) -> xr.DataArray:
     """Return the draws of a result that follow the distributions of the keys."""
     array = result[name]
-    if _sensitivity_of(result) != "sobol":
-        return array
-    rows = result.sizes[PARAMETER] + 2
-    return array[{SAMPLE: np.isin(np.arange(array.sizes[SAMPLE]) % rows, (0, rows - 1))}]
+    rows = result.sizes.get(PARAMETER, 0) + 2
+    own = np.isin(np.arange(array.sizes[SAMPLE]) % rows, (0, rows - 1))
+    return array[{SAMPLE: own}] if _sensitivity_of(result) == "sobol" else array
 
 
 def _exceeded(name: str, result: xr.Dataset) -> xr.Dataset:
-    """Return the values that are exceeded by 99 %, 98 %, ..., 1 % of the draws."""
     percent = np.arange(1.0, 100.0)
     array = _draws(result, name).quantile(1 - percent / 100, SAMPLE, keep_attrs=True)
     attrs = {"units": "percent", "long_name": "fraction of the draws that exceed the value"}
@@ -133,12 +128,10 @@ def _exceeded(name: str, result: xr.Dataset) -> xr.Dataset:
 
 def _leading_key(result: xr.Dataset, name: str) -> str:
     """Return the coordinate of the key that has the highest rank correlation with a result at the first point."""
-    array = _draws(result, name)
-    array = array.isel({dim: 0 for dim in array.dims if dim != SAMPLE}, drop=True)
+    array = _draws(result, name).isel({dim: 0 for dim in result[name].dims if dim != SAMPLE}, drop=True)
     keys = [str(one.name) for one in _keys(result) if one.dtype.kind == "f" and np.ptp(one.to_numpy()) > 0]
     frame = array.to_dataset(name="result").reset_coords()[["result", *keys]].to_dataframe()
-    strength = frame.corr("spearman")["result"].drop("result").abs().fillna(0.0)
-    return str(strength.idxmax()) if keys else ""
+    return str(frame.corr("spearman")["result"].drop("result").abs().fillna(0.0).idxmax()) if keys else ""
 
 
 def _sensitivities(name: str, result: xr.Dataset) -> xr.Dataset:
@@ -153,12 +146,10 @@ def _sensitivities(name: str, result: xr.Dataset) -> xr.Dataset:
         return xr.concat(arrays, along)
 
     values = joined("_index")
-    attrs = {"units": "1", "long_name": "fraction of the variance"}
-    if not pure:
-        attrs = {"units": unit_of(result[name]), "long_name": f"change of the {title_of(result[name])}"}
-    data = {"sensitivity": values.assign_attrs(attrs)}
-    if pure:
-        data["sensitivity_error"] = joined("_interval")
+    unit, words = unit_of(result[name]), f"change of the {title_of(result[name])}"
+    unit, words = ("1", "fraction of the variance") if pure else (unit, words)
+    data = {"sensitivity": values.assign_attrs(units=unit, long_name=words)}
+    data |= {"sensitivity_error": joined("_interval")} if pure else {}
     largest = abs(values).max([dim for dim in values.dims if dim != PARAMETER]).fillna(-1.0)
     titles = {one.attrs["key"]: head_of(one) for one in _keys(result)}
     keys = [titles.get(key, key.replace("_", " ")) for key in map(str, result[PARAMETER].to_numpy())]
@@ -167,7 +158,6 @@ def _sensitivities(name: str, result: xr.Dataset) -> xr.Dataset:
 
 
 def _statistics(result: xr.Dataset, names: Sequence[str]) -> Table:
-    """Tabulate mean, standard error, standard deviation and percentiles of each result and point."""
     context, rows = Context(result), list[list[str]]()
     percentiles = [f"{value:g} %" for value in result["sample_percentile"].to_numpy()]
     kinds = ("sample_mean", "sample_standard_error", "sample_standard_deviation", "sample_percentile")
@@ -181,5 +171,4 @@ def _statistics(result: xr.Dataset, names: Sequence[str]) -> Table:
             where = context.fulls({dim: index for dim, index in point.items() if dim in result.coords})
             rows.append([heading, where, *number_texts(values, 5)])
     heads = ["result", "at", "mean", "standard error", "standard deviation", *percentiles]
-    columns = map(Column, heads, map(list, zip(*rows, strict=True)))
-    return Table("Results over the draws", [one for one in columns if any(one.values)])
+    return Table("Results over the draws", columns_of(heads, rows))

@@ -213,10 +213,8 @@ def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable
 def _heat_map(result: xr.Dataset, names: Iterable[str]) -> Iterator[Grids]:
     numbers = quantities(result)
     known = [name for name in names if name in numbers and HELIOSTAT not in result[name].dims]
-    if not known:
-        return
-    dims = [str(dim) for dim in result[known[0]].dims]
-    long = [dim for dim in dims if result.sizes[dim] > 2 and dim not in NAMES]
+    sizes = result[known[0]].sizes if known else {}
+    long = [str(dim) for dim, size in sizes.items() if size > 2 and dim not in NAMES]
     if len(long) >= 2 and not set(long[:2]) & {"date", "hour", "time", "day"}:
         same = [name for name in known if set(long[:2]) <= set(result[name].dims)]
         same = [name for name in same if float(result[name].max()) > float(result[name].min())][:3]
@@ -244,8 +242,7 @@ def is_joined(result: xr.Dataset, dim: str) -> bool:
 def usable(result: xr.Dataset, figure: Figure) -> Figure | None:
     """Return a declaration with only the variables that can be drawn, or None if there are none."""
     if isinstance(figure, Special):
-        there = all(name in result.variables and result[name].size for name in figure.variables)
-        return figure if there else None
+        return figure if all(name in result.variables and result[name].size for name in figure.variables) else None
     names = [
         name for name in figure.variables if name in result.data_vars and axes_of(result, figure, name) is not None
     ]

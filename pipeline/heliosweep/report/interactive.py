@@ -123,7 +123,6 @@ def client() -> str:
 
 
 def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
-    """Return the plot of a figure with its selection lists, and its callback; None if there is no value."""
     context = Context(result, figure.at)
     axes, sizes = axes_of(result, figure, figure.variables[0]) or [], result[figure.variables[0]].sizes
     dims_of_lines = [str(dim) for dim, size in sizes.items() if dim not in axes and 1 < size <= MOST_LINES]
@@ -139,8 +138,7 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     chosen = {dim: one for dim, one in dims.items() if dim not in keep and len(one["texts"]) > 1}
     selects = {dim: _select(one, context.position(dim)) for dim, one in chosen.items()}
     told = Div(text="", styles={"font-size": "14px"})
-    draw = {Maps: _map, Rasters: _picture}.get(type(figure), _lines)
-    drawing, arguments = draw(context, figure, dims, axes, line)
+    drawing, arguments = {Maps: _map, Rasters: _picture}.get(type(figure), _lines)(context, figure, dims, axes, line)
     arguments |= {
         "quantities": quantities,
         "dims": {dim: {"texts": one["texts"], "at": one["at"]} for dim, one in dims.items()},
@@ -187,7 +185,6 @@ def _quantities(
 
 
 def _select(dimension: Mapping[str, Any], position: int) -> Select:
-    """Return a selection list of the values along a dimension, set to the value nearest to a position."""
     start = int(np.argmin(np.abs(dimension["kept"] - position)))
     options: list[Any] = [(str(i), text) for i, text in enumerate(dimension["texts"])]
     return Select(title=dimension["title"], value=str(start), options=options)
@@ -206,8 +203,7 @@ def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any],
     for dim, places in kept.items():
         if dim in array.coords and array[dim].ndim == 1 and array[dim].dtype.kind in "fiuM":
             kept[dim] = places[np.argsort(array[dim].to_numpy()[places], kind="stable")]
-    part = array.isel(kept)
-    values = np.asarray(printed(part), dtype=float)
+    values = np.asarray(printed(array.isel(kept)), dtype=float)
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     quantity = {
@@ -225,13 +221,11 @@ def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any],
 
 
 def _figure(**options: Any) -> Any:
-    """Return an empty plot."""
     look: Any = {"sizing_mode": "stretch_width", "tools": "pan,box_zoom,wheel_zoom,reset,save"}
     return bokeh_figure(toolbar_location="above", **look, **options)
 
 
 def _line_axes(context: Context, dim: str, one: Mapping[str, Any]) -> Any:
-    """Return an empty plot over a dimension."""
     kind = "datetime" if one["dates"] else "log" if is_geometric(one["at"]) else "linear"
     drawing = _figure(height=360, x_axis_type=kind)
     drawing.xaxis.axis_label = context.label(dim)
@@ -248,7 +242,6 @@ def _line_axes(context: Context, dim: str, one: Mapping[str, Any]) -> Any:
 def _lines(
     context: Context, figure: Any, dims: Mapping[str, Any], axes: Sequence[str], line: str | None
 ) -> tuple[Any, dict[str, Any]]:
-    """Return a plot of curves, or of points in a plane, with a line for each value of a dimension."""
     plane = isinstance(figure, Planes)
     if plane:
         drawing = _figure(height=480, match_aspect=True)
@@ -282,7 +275,6 @@ def _lines(
 
 
 def _map(context: Context, *_: Any) -> tuple[Any, dict[str, Any]]:
-    """Return a plot of mirrors coloured by a value."""
     result = context.result
     x, y, width, height = mirrors(result[list(result.coords)].isel({dim: 0 for dim in result.dims if dim != HELIOSTAT}))
     data = {
@@ -310,7 +302,6 @@ def _map(context: Context, *_: Any) -> tuple[Any, dict[str, Any]]:
 def _picture(
     context: Context, figure: Figure, dims: Mapping[str, Any], axes: Sequence[str], line: str | None
 ) -> tuple[Any, dict[str, Any]]:
-    """Return a plot of pixels coloured by a value."""
     up, right = (dims[dim]["at"] for dim in axes)
     below, beside = (abs(float(side[1] - side[0])) if side.size > 1 else 1.0 for side in (up, right))
     source = ColumnDataSource({"image": [np.zeros((up.size, right.size))]})
@@ -327,7 +318,6 @@ def _picture(
 
 
 def _coloured(aspect: float, **options: Any) -> tuple[Any, dict[str, Any]]:
-    """Return an empty plot with a colour scale."""
     mapper = LinearColorMapper(palette=Viridis256, low=0, high=1, nan_color=NO_VALUE)
     drawing, bar = _figure(height=int(420 * aspect + 120), **options), ColorBar(color_mapper=mapper)
     drawing.add_layout(bar, "above")

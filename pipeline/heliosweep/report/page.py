@@ -271,7 +271,6 @@ def _text(path: Path) -> str:
 
 
 def _manifest(place: Path) -> tuple[dict[str, Any], list[str]]:
-    """Return the manifest of a folder, and remarks about it."""
     if not (place / MANIFEST).exists():
         return {}, []
     try:

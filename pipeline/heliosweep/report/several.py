@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import logging
 import os
@@ -25,7 +24,7 @@ from heliosweep.report import comparison
 from heliosweep.report.context import NOTHING, Context, is_quantity, printed, title_of, unit_of
 from heliosweep.report.figures import HELIOSTAT, Curves, Figure, Maps, default_figures
 from heliosweep.report.page import PAGE, embedded, render
-from heliosweep.report.tables import Column, Table, ranges
+from heliosweep.report.tables import Column, Table, columns_of, ranges
 from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of, unfinished
 
 log = logging.getLogger("heliosweep")
@@ -55,8 +54,7 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
     """Write a page that compares several results; the family of the first one declares the figures."""
     from heliosweep.report.draw import draw
 
-    letters = itertools.chain(string.ascii_uppercase, map(str, itertools.count(27)))
-    names = list(itertools.islice(letters, len(compared)))
+    names = [*string.ascii_uppercase, *map(str, range(27, len(compared) + 1))][: len(compared)]
     results, family = dict(zip(names, (one.data for one in compared), strict=True)), compared[0].family
     headlines = family.headlines if family else ()
     joined = together(results)
@@ -143,8 +141,7 @@ def _expanded(result: xr.Dataset, swept: Mapping[Any, set[Any]]) -> xr.Dataset:
     if HELIOSTAT in result.sizes and HELIOSTAT not in result.coords:
         result = result.assign_coords({HELIOSTAT: np.arange(result.sizes[HELIOSTAT])})
     floats = [name for name in result.indexes if result[name].dtype.kind == "f"]
-    rounded = {name: result[name].copy(data=result[name].to_numpy().round(LABEL_DECIMALS)) for name in floats}
-    return result.assign_coords(rounded)
+    return result.assign_coords({name: result[name].round(LABEL_DECIMALS) for name in floats})
 
 
 def numbers(joined: xr.Dataset, names: Sequence[str]) -> Table:
@@ -162,15 +159,12 @@ def numbers(joined: xr.Dataset, names: Sequence[str]) -> Table:
             place = context.values(dict(zip(dims, index, strict=True)))
             rows.append([title_of(array), place, *(f"{value:.6g}" for value in row), *differences, unit])
     heads = ["", "at", *results, *(f"{name} \N{MINUS SIGN} {results[0]}" for name in results[1:]), "unit"]
-    columns = [
-        Column(head, list(cells)) for head, cells in zip(heads, zip(*rows[:MOST_POINTS], strict=True), strict=True)
-    ]
-    columns = [one for one in columns if one.title != "at" or any(one.values)]
-    return Table("Results", columns, ["Differences of percentages are in percentage points."])
+    return Table(
+        "Results", columns_of(heads, rows[:MOST_POINTS]), ["Differences of percentages are in percentage points."]
+    )
 
 
 def _difference(first: float, value: float, unit: str) -> str:
-    """Return the difference from the first value, and also relative to it unless it is a percentage."""
     difference = value - first
     if not abs(difference) > ROUNDING * abs(first):
         return "0" if np.isfinite(difference) else NOTHING
@@ -179,10 +173,8 @@ def _difference(first: float, value: float, unit: str) -> str:
 
 
 def _inputs(results: Mapping[str, xr.Dataset]) -> Table:
-    """Tabulate the keys that differ between the studies, with a column for each result."""
     studies = {name: pd.json_normalize([json.loads(one.attrs.get("study", "{}"))]) for name, one in results.items()}
-    keys = pd.concat(studies).T.sort_index()
-    texts = keys.where(keys.notna(), NOTHING).map(str)
+    texts = pd.concat(studies).T.sort_index().astype(object).fillna(NOTHING).map(str)
     differ = texts[texts.nunique(axis=1) > 1]
     columns = [Column("key of the study", [*map(str, differ.index)] or ["no difference"])]
     columns += [Column(name, list(differ[name, 0]) or [""]) for name in results]
@@ -195,10 +187,8 @@ def update_index(folder: str | os.PathLike[str]) -> Path | None:
     A failure is logged as a warning.
     """
     place = user_path(folder).absolute().parent
-    if place.name != OUTPUTS:
-        return None
     try:
-        return write_index(place)
+        return write_index(place) if place.name == OUTPUTS else None
     except (OSError, HeliosweepError) as error:
         log.warning("the list of all studies was not written: %s", error)
         return None
@@ -206,22 +196,20 @@ def update_index(folder: str | os.PathLike[str]) -> Path | None:
 
 def write_index(outputs: str | os.PathLike[str]) -> Path:
     """Write ``index.html``, the page of all studies in a folder of result folders."""
-    place = Path(outputs)
-    studies = studies_in(place)
+    file, studies = Path(outputs) / "index.html", studies_in(Path(outputs))
     script = resources.files("heliosweep.report").joinpath("templates/index.js").read_text(encoding="utf-8")
     families = sorted({one["family"] for one in studies} - {""})
-    text = render("index.html", title="Studies", scripts=(script,), studies=studies, families=families)
-    write_whole(place / "index.html", text)
-    return place / "index.html"
+    write_whole(file, render("index.html", title="Studies", scripts=(script,), studies=studies, families=families))
+    return file
 
 
 def studies_in(outputs: Path) -> list[dict[str, Any]]:
     """Return the entry of each study for the template, the latest first."""
-    statuses = {folder: status_of(folder) for folder in sorted(outputs.iterdir()) if folder.is_dir()}
+    folders = (folder for folder in sorted(outputs.iterdir()) if folder.is_dir())
     found = [
         {**_study_entry(folder), "state": status.state, "detail": status.detail}
-        for folder, status in statuses.items()
-        if status.state != "not run"
+        for folder in folders
+        if (status := status_of(folder)).state != "not run"
     ]
     return sorted(found, key=lambda one: one["finished"], reverse=True)
 

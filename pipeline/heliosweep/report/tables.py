@@ -130,8 +130,8 @@ class Table:
         if not self.keys or self.size < SORTED or leading is None:
             return self
         worst = any(column.title == "heliostat" for column in self.columns[: self.keys])
-        descending = (leading.best == LARGEST) != worst
-        order = np.argsort(np.asarray(leading.values, dtype=float) * (-1 if descending else 1), kind="stable").tolist()
+        sign = -1 if (leading.best == LARGEST) != worst else 1
+        order = np.argsort(sign * np.asarray(leading.values, dtype=float), kind="stable").tolist()
         columns = [
             replace(
                 one, values=[one.values[i] for i in order], errors=[one.errors[i] for i in order if len(one.errors)]
@@ -165,6 +165,12 @@ class Table:
         }
 
 
+def columns_of(heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[Column]:
+    """Return the columns of the rows of a table; columns that are empty in all rows are omitted."""
+    columns = [Column(head, [row[i] for row in rows]) for i, head in enumerate(heads)]
+    return [one for one in columns if any(one.values) or not rows]
+
+
 @dataclass(frozen=True)
 class Headline:
     """Headline number: its text, unit, title, and a note about the range and the point."""
@@ -175,17 +181,15 @@ class Headline:
     note: str = ""
 
     def __str__(self) -> str:
-        space = "" if self.unit.startswith(DEGREE) or not self.unit else " "
-        note = f"; {self.note}" if self.note else ""
-        return f"{self.title}: {self.value}{space}{self.unit}{note}"
+        value = f"{self.value} {self.unit}".replace(f" {DEGREE}", DEGREE).rstrip()
+        return f"{self.title}: {value}; {self.note}".removesuffix("; ")
 
 
 def headlines(result: xr.Dataset, names: Collection[str]) -> list[Headline]:
     """Return the headline numbers of a result: its variables `names`, otherwise those with the fewest dimensions."""
     known = [result[name] for name in names if name in result.data_vars]
     numbers = sorted(filter(is_quantity, result.data_vars.values()), key=lambda array: array.ndim)
-    found = (_headline(result, array) for array in known or numbers[:1])
-    return [one for one in found if one is not None][:MOST_HEADLINES]
+    return [one for array in known or numbers[:1] if (one := _headline(result, array))][:MOST_HEADLINES]
 
 
 def _headline(result: xr.Dataset, array: xr.DataArray) -> Headline | None:
@@ -198,22 +202,17 @@ def _headline(result: xr.Dataset, array: xr.DataArray) -> Headline | None:
     low, high = number_texts(np.array([np.nanmin(values), np.nanmax(values)]), 4)
     if low == high:
         return Headline(low, unit, title)
-    best = array.attrs.get(BEST_VALUE, "")
-    if set(array.dims) & set(INNER) or not best:  # among the parts of one result, the worst needs attention
-        word, find = ("maximum", np.nanargmax) if best == SMALLEST else ("minimum", np.nanargmin)
-        where = _place(result, array, int(find(values)))
-        return Headline(f"{low} to {high}", unit, title, f"{word} at {where}" if where else "")
-    words, texts = ("maximum", "minimum"), (high, low)
-    if best == SMALLEST:
-        words, texts = words[::-1], texts[::-1]
-    where = _place(result, array, int(np.nanargmax(values) if best == LARGEST else np.nanargmin(values)))
-    count = int(np.isfinite(values).sum())
-    note = f"{words[0]} of {count:,} points, at {where}; {words[1]} {texts[1]}{NO_BREAK_SPACE}{unit}".rstrip()
-    return Headline(texts[0], unit, title, note if where else "")
+    ends = [("minimum", low, np.nanargmin), ("maximum", high, np.nanargmax)]
+    (worst, other, at_worst), (best, text, at_best) = ends[:: -1 if array.attrs.get(BEST_VALUE) == SMALLEST else 1]
+    if set(array.dims) & set(INNER) or not array.attrs.get(BEST_VALUE):
+        where = _place(result, array, int(at_worst(values)))  # among parts of one result, the worst needs attention
+        return Headline(f"{low} to {high}", unit, title, f"{worst} at {where}" if where else "")
+    where, count = _place(result, array, int(at_best(values))), int(np.isfinite(values).sum())
+    note = f"{best} of {count:,} points, at {where}; {worst} {other}{NO_BREAK_SPACE}{unit}".rstrip()
+    return Headline(text, unit, title, note if where else "")
 
 
 def _place(result: xr.Dataset, array: xr.DataArray, place: int) -> str:
-    """Return the coordinates of the value at a flat index, in words."""
     indices = zip(map(str, array.dims), np.unravel_index(place, array.shape), strict=True)
     point = {dim: int(index) for dim, index in indices if array.sizes[dim] > 1 and dim in result.coords}
     return Context(result).fulls(point)
@@ -226,7 +225,7 @@ def without(made: Sequence[Table], headlines: Sequence[Headline]) -> list[Table]
         singles = [one.texts() if one.is_words else number_texts(np.array(one.values), 4) for one in table.columns]
         pairs = zip(table.columns, singles, strict=True)
         columns = [one for one, texts in pairs if table.size != 1 or (texts[0], one.unit) not in shown]
-        kept += [replace(table, columns=columns)] if len(columns) > table.keys else []
+        kept += [replace(table, columns=columns)] * (len(columns) > table.keys)
     return kept
 
 
@@ -234,8 +233,8 @@ def summary(result: xr.Dataset, names: Collection[str]) -> Iterator[str]:
     """Yield title, dimensions and headline numbers of a result, one line each."""
     yield str(result.attrs.get("title", ""))
     sizes = ", ".join(f"{name} {size:,}" for name, size in result.sizes.items())
-    count = len(result.data_vars)
-    yield f"{count:,} variable{'s' * (count != 1)}" + (f" over {sizes}" if sizes else "")
+    count = f"{len(result.data_vars):,} variable{'s' * (len(result.data_vars) != 1)}"
+    yield f"{count} over {sizes}" if sizes else count
     yield from map(str, headlines(result, names))
 
 
@@ -311,8 +310,7 @@ def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
             rows.append([title_of(array), *ends, unit_of(array)])
     more = len(arrays) - MOST_RANGES
     notes = [f"The data set has {more} further {'variable' if more == 1 else 'variables'}."] if more > 0 else []
-    heads = ("", "minimum", "median", "maximum", "unit")
-    return Table("Ranges", [Column(head, [row[i] for row in rows]) for i, head in enumerate(heads)], notes)
+    return Table("Ranges", columns_of(("", "minimum", "median", "maximum", "unit"), rows), notes)
 
 
 def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
@@ -332,11 +330,10 @@ def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
 
 
 def _with_error(value: float, error: float) -> str:
-    """Return a number with its standard error, which has two digits."""
-    known = np.isfinite(error) and error > 0
-    decimals = int(np.clip(1 - np.floor(np.log10(error)), 0, 6)) if known else 3
-    text = number_text(value, decimals)
-    return f"{text} \N{PLUS-MINUS SIGN} {number_text(error, decimals)}" if known and np.isfinite(value) else text
+    if not (np.isfinite([value, error]).all() and error > 0):
+        return number_text(value, 3)
+    decimals = int(np.clip(1 - np.floor(np.log10(error)), 0, 6))
+    return f"{number_text(value, decimals)} \N{PLUS-MINUS SIGN} {number_text(error, decimals)}"
 
 
 #: Pattern of a digital object identifier with its prefix.

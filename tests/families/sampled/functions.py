@@ -59,14 +59,10 @@ class FunctionStudy(Study):
 class Functions(Family):
     """`value` is Ishigami's function, `product` the g-function, `total` a sum; `heliostat` has 1000 multiples of it."""
 
-    name, title = "functions", "Test functions"
     calls = 0
 
     def __init__(self) -> None:
-        pass
-
-    def study_class(self) -> type[Study]:
-        return FunctionStudy
+        super().__init__("functions", "Test functions", FunctionStudy, None, example="")
 
     def workload(self, study: Any) -> Workload:
         return Workload(

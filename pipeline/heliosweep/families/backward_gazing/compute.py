@@ -341,7 +341,6 @@ class Simulation:
         return np.where(np.bitwise_count(seen.found.lit) >= NEEDED, least, np.nan)
 
     def _of_point(self, items: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
-        """Compute the variables of one heliostat."""
         values, study = dict(items), self.study
         seen = self.observe(values)
         least = self.bound(seen, values)
@@ -415,8 +414,7 @@ class Simulation:
             return found
         with np.errstate(invalid="ignore", divide="ignore"):
             total = np.sqrt(np.sum(np.where(count > 0, rms**2 * count, 0.0), axis=-1) / count.sum(axis=-1))
-            some = np.count_nonzero(count, axis=-1)
-            canting = np.sqrt(np.sum(np.where(count > 0, mean**2, 0.0), axis=-1) / some)
+            canting = np.sqrt(np.sum(np.where(count > 0, mean**2, 0.0), axis=-1) / np.count_nonzero(count, axis=-1))
             bounds = np.sqrt(np.nanmean((1e3 * self.bound(seen, values)[:, seen.keep]) ** 2, axis=-1))
         if self.study.output.maps:
             found |= by_axis("slope_%", maps(seen.mirror, 1e3 * seen.net))
@@ -482,8 +480,7 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         if math.isnan(noise) and np.count_nonzero(use) >= 20:  # minimum number of pixels
             # Medians of the chi-squared distribution for 1, 2, ... degrees of freedom.
             medians = np.array((0.454936, 1.386294, 2.365974, 3.356694, 4.351460, 5.348121))
-            ratio = fit.merit[use] / (share[use] * medians[freedom[use] - 1])
-            noise = math.sqrt(float(np.median(ratio)))
+            noise = math.sqrt(float(np.median(fit.merit[use] / (share[use] * medians[freedom[use] - 1]))))
         deviation = np.where(np.isfinite(fit.slopes), fit.deviation * noise * np.sqrt(share), np.nan)
         left = [[residual(method, one) for one in frames] for method, frames in zip(study.method, slopes, strict=True)]
         rms = np.where(np.isfinite(slopes[:, :, 0]), np.sqrt(np.array(left) / cameras), np.nan)
@@ -696,9 +693,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 
 def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
-    """Yield warnings about dark or saturated images, assumed levels, and residuals that are too large."""
-    files = str(result.attrs.get("image_files", "")).split(", ")
-    for name, row in zip(files, range(CAMERAS), strict=False):
+    for name, row in zip(str(result.attrs.get("image_files", "")).split(", "), range(CAMERAS), strict=False):
         name = f"image {row + 1}" + f" ({name})" * bool(name)
         saturated = float(result["saturated_fraction"].isel(camera=row).max())
         lit = float(result["lit_fraction"].isel(camera=row).min())
@@ -742,7 +737,6 @@ def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
 
 
 def _of_shapes(result: xr.Dataset) -> Iterator[str]:
-    """Yield warnings about modules that are not spherical, and about an unexpected focal length."""
     # A difference counts if it exceeds both 3 % and four standard errors.
     methods = [name for name in ("LM", "O2") if name in result["slope_method"].to_numpy()]
     if not methods:

@@ -63,7 +63,6 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _errors(result: xr.Dataset, canting: dict[str, Any]) -> Iterator[Figure]:
-    """Yield figures that show errors by method and over swept keys, the canting, and the sun profile."""
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and result.sizes[dim] > 1]
     numbers = [dim for dim in swept if is_ordered(result, dim)]
     seeds = dict.fromkeys(SEEDS, "rms")
@@ -107,7 +106,6 @@ def _slope_errors(result: xr.Dataset) -> xr.Dataset:
 
 
 def _ranks(result: xr.Dataset) -> xr.Dataset:
-    """Return the rank of the most severe quality bit of each pixel."""
     if not {"quality", "mask"} <= set(result.data_vars):
         return result
     bits = result["quality"].fillna(0).astype(int)

@@ -254,8 +254,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
         rectified = not told and (rows, columns) == mirror_grid(
             study.heliostat.rectangles, study.heliostat.pixel  # type: ignore[arg-type]  # not swept
         ).module.shape  # fmt: skip
-    wanted = ~np.isfinite(focal) if register is None else np.full(4, register)
-    search = ~marked & wanted & (not rectified)
+    search = ~marked & (~np.isfinite(focal) if register is None else np.full(4, register)) & (not rectified)
     if not rectified and np.any(lost := ~np.isfinite(focal) & ~marked & ~search):
         number = int(np.argmax(lost))
         raise StudyError(study.problem(f"images[{number}]", (
@@ -317,7 +316,6 @@ def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
 
 
 def _stated(study: BackwardGazingStudy, key: str) -> Any:
-    """Return the value of a key that the study gives for all images, or None."""
     return None if study.image_geometry is None else getattr(study.image_geometry, key)
 
 
@@ -368,7 +366,6 @@ def _pictures(study: BackwardGazingStudy) -> list[Picture]:
 
 
 def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) -> tuple[Floats, tuple[str, ...]]:
-    """Return the white level of each image, and the source of each level."""
     stated, said = _stated(study, "white"), [one.metadata.get("WHITE") for one in pictures]
     known = stated is not None or None not in said or study.sun.image is None
     level = math.nan if known else _disc(study, str(study.sun.image))[1].level
@@ -513,8 +510,7 @@ def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules)
             overlap = float(np.sum(np.roll(mask, shift.astype(int), axis=(0, 1)) * small))
             score = overlap / (small.sum() + 0.3 * (mask.sum() - overlap))
             if score > best[0]:
-                place = SimilarityTransform(translation=step * (0.5 * size + shift + 0.5)[::-1] - 0.5)
-                best = score, map_ + place
+                best = score, map_ + SimilarityTransform(translation=step * (0.5 * size + shift + 0.5)[::-1] - 0.5)
     return best[1]
 
 

@@ -58,7 +58,6 @@ def _both(name: str, dims: tuple[str, ...], long_name: str, comment: str = "", u
 
 
 def _part(dims: tuple[str, ...], long_name: str, comment: str = "") -> Variable:
-    """Return a variable that contains a fraction between 0 and 1."""
     return quantity(dims, "1", long_name, comment, valid_range=[0.0, 1.0])
 
 

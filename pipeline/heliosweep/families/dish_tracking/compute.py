@@ -37,7 +37,6 @@ _MEAN, _STD = "mean over the {} of the {}", "sample standard deviation over the 
 
 
 def _factors(**words: tuple[str, str]) -> dict[str, dict[str, Any]]:
-    """Return the attributes of each factor by name, given its long name and cell method."""
     definition = (
         "one minus the ratio of the mean tracking error to the tolerance; 1 for perfect tracking, negative if "
         "the mean error exceeds the tolerance (unless the study limits each error to the tolerance)"
@@ -181,7 +180,6 @@ def computation(study: DishTrackingStudy) -> Computation:
 
 
 def _timezones(study: DishTrackingStudy) -> dict[str, Any]:
-    """Return the time zones of the sites."""
     parameters = Parameters(study)
     zones, attrs = parameters.timezones(), {"long_name": "time zone of dates and windows"}
     return {"timezone": ("site", zones, attrs) if "site" in parameters.sizes else ((), zones[0], attrs)}
@@ -228,7 +226,6 @@ def factors(point: Point) -> dict[str, Any]:
 
 
 def _weather(study: DishTrackingStudy) -> WeatherFile:
-    """Read the weather file of a study. Raises StudyError."""
     assert study.concentrator is not None
     return read_weather(study.resolve(study.concentrator.weather))
 

@@ -110,8 +110,7 @@ class DishTime(CivilTime):
         """Check that the length of a wall-clock window is a whole number of steps if instants represent steps."""
         if not self.window.sunlit:
             yield from super().rules()
-        dates = self.date_list()
-        if any(later <= earlier for earlier, later in itertools.pairwise(dates)):
+        if any(later <= earlier for earlier, later in itertools.pairwise(self.date_list())):
             yield Fault("must rise", ("dates",), show_value=False)
 
     def window_seconds(self) -> tuple[float, float, float]:
@@ -299,7 +298,6 @@ class DishTrackingStudy(Study):
 
 
 def _weather(study: DishTrackingStudy) -> Iterator[Problem | str]:
-    """Yield warnings about the weather file. Raises StudyError if it cannot be read."""
     if study.concentrator is not None:
         yield from read_weather(study.resolve(study.concentrator.weather)).notes
 
@@ -309,7 +307,7 @@ def _doubts(study: DishTrackingStudy) -> Iterator[Problem | str]:
     direction = study.errors.axis_tilt_direction
     if isinstance(direction, Sweep) and not isinstance(direction, Drawn) and len(direction) <= MOST_DIRECTIONS:
         turns = np.round(np.mod(direction.values(), 360.0), 9) % 360.0
-        if len(set(turns.tolist())) < len(direction):
+        if len(np.unique(turns)) < len(direction):
             message = "contains the same direction twice (directions 360 deg apart are equal)"
             yield study.problem("errors.axis_tilt_direction", message)
     tied = any("errors.axis_tilt" in dim.sweeps and len(dim.sweeps) > 1 for dim in study.dimensions())

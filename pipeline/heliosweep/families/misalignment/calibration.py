@@ -107,8 +107,7 @@ def computation(study: MisalignmentStudy) -> Computation:
     keys = ["calibration.noise", "calibration.days_used", *error_keys(study)] * (not measured)
 
     def count() -> int:
-        synthetic = math.prod(instant_sizes(study).values()) * max(1, draw_count(study))
-        return synthetic + most_spots(study.campaigns())
+        return (math.prod(instant_sizes(study).values()) * max(1, draw_count(study))) + most_spots(study.campaigns())
 
     return Computation(
         partial(calibrate, found),
@@ -475,8 +474,7 @@ def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:
     """Return the angles that the residuals subtend at the pivots, shape (H, M). [rad]"""
     seen = mounts.on_face(position) + mounts.to_target[:, np.newaxis]
     predicted = seen - mounts.on_face(residual)
-    across = np.cross(seen, predicted)
-    return np.arctan2(np.sqrt(np.sum(across**2, axis=-1)), np.sum(seen * predicted, axis=-1))
+    return np.arctan2(np.sqrt(np.sum(np.cross(seen, predicted) ** 2, axis=-1)), np.sum(seen * predicted, axis=-1))
 
 
 def _deviations(mounts: Mounts, observed: Observed, found: Fit, parameters: int) -> Floats:
@@ -536,6 +534,5 @@ def _better_reading(
 
 
 def _large(found: Fit) -> NDArray[np.bool_]:
-    """Return True for each fit with an implausibly large mount error, shape (H,)."""
     large: NDArray[np.bool_] = np.nanmax(np.abs(found.estimate), axis=1, initial=0.0) > DOUBTFUL_ERROR * 1e-3
     return large

@@ -276,8 +276,9 @@ class _Field(NamedTuple):
         for number in range(rounds):
             noise: Floats | float = 0.0
             if settings["noise"] > 0 and count:
-                size = draws, math.prod(places.shape[2:])
-                drawn = noise_of_draws(seeds[0], 200 + number, seeds[1], *size)  # after the streams for spots
+                drawn = noise_of_draws(
+                    seeds[0], 200 + number, seeds[1], draws, math.prod(places.shape[2:])
+                )  # after the streams for spots
                 noise = settings["noise"] * drawn.reshape(places.shape)
             here = self.observed(angles, self.segments.readings(places, noise, settings["pitch"]))
             lists.append([each.reshape(count * draws, -1, *each.shape[3:]) for each in here if each is not None])

@@ -120,7 +120,6 @@ def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
 
 
 def _wall_seconds(time: CivilTime) -> Floats:
-    """Return the wall-clock hours of a date, in seconds from midnight."""
     start, stop, step = time.window_seconds()
     return start + step * window_positions((stop - start) / step, time.sampling)
 
@@ -136,8 +135,7 @@ def sun_of(point: Point) -> Floats:
 
 @lru_cache(maxsize=64)
 def _civil_sun(time: CivilTime, timezone: str, *place: float | None) -> Floats:
-    utc = Label(("time",), wall_clock(time, timezone).ravel(), {})
-    return sun_at(Instants({"utc": utc}, "civil"), place)
+    return sun_at(Instants({"utc": Label(("time",), wall_clock(time, timezone).ravel(), {})}, "civil"), place)
 
 
 class Positions(LayoutAxis):

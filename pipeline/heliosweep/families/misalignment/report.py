@@ -65,7 +65,6 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _spots(result: xr.Dataset) -> list[Figure]:
-    """Return figures of spots on the receiver plane."""
     sizes = [dim for dim in ("error_size", *ERRORS) if result.sizes.get(dim, 0) > 2]
     measured = " Crosses: measured spots." if "measured_y" in result.coords else ""
     return [
@@ -123,7 +122,6 @@ def _spots(result: xr.Dataset) -> list[Figure]:
 
 
 def _field(result: xr.Dataset) -> list[Figure]:
-    """Return figures of tolerances and hits: maps of the field, and curves over the hours and over swept keys."""
     swept = [str(dim) for dim in result.sizes if dim not in _OWN]
     numbers = [dim for dim in swept if is_ordered(result, dim)]
     words = tuple(dim for dim in swept if dim not in numbers)
@@ -172,7 +170,6 @@ def _field(result: xr.Dataset) -> list[Figure]:
 
 
 def _calibration(result: xr.Dataset) -> list[Figure]:
-    """Return figures of calibrations: spots, estimated errors with their standard errors, and closed loops."""
     moments, measured = ("moment", "spot", *DAYS, HOUR), "spot" in result.sizes
     notes = (
         "Before: measured spots. After: leave-one-out residuals, relative to the aim point. Heliostats with the "
@@ -244,7 +241,6 @@ def _calibration(result: xr.Dataset) -> list[Figure]:
 
 
 def _before_after(result: xr.Dataset) -> xr.Dataset:
-    """Return the spots before and after the calibration, concatenated along a new dimension ``when``."""
     names = {side: [f"spot_{side}_{when}" for when in ("before", "after")] for side in "yz"}
     if not {name for pair in names.values() for name in pair} <= set(result):
         return result
@@ -279,7 +275,6 @@ def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
 
 
 def _beams(axes: Any, result: xr.Dataset, here: Point, look: Mapping[str, Any]) -> None:
-    """Draw the edges of the beam, and its outlines at different error sizes."""
     for kind, style in (("edge", ":"), ("outline", "-")):
         if "error_size" in result.get(f"{kind}_y", xr.DataArray()).dims:
             sides = [at(result[f"{kind}_{side}"], here).transpose("error_size", kind).to_numpy() for side in "yz"]
@@ -289,7 +284,6 @@ def _beams(axes: Any, result: xr.Dataset, here: Point, look: Mapping[str, Any]) 
 
 
 def _ellipses(axes: Any, result: xr.Dataset, point: Point) -> None:
-    """Draw the 95 % ellipse of the spots at each hour, and enlarge the axes to include the ellipses."""
     from matplotlib import colormaps
     from matplotlib.patches import Ellipse
 
@@ -313,7 +307,6 @@ def _ellipses(axes: Any, result: xr.Dataset, point: Point) -> None:
 
 
 def _arrays(axes: Any, result: xr.Dataset, point: Point) -> None:
-    """Draw the detector arrays that are described by the attribute ``detectors``."""
     for piece in filter(None, str(result.attrs.get("detectors", "")).split("; ")):
         y, z, across, up, length = map(float, piece.partition(": ")[2].split())
         ends = np.array([0.0, length]) if np.isfinite(length) else np.array([-1e3, 1e3])
@@ -322,7 +315,6 @@ def _arrays(axes: Any, result: xr.Dataset, point: Point) -> None:
 
 
 def _recovered(result: xr.Dataset) -> Any:
-    """Draw the estimated errors against the true errors, with one panel for each parameter."""
     from heliosweep.report.draw import panels
 
     context, found = Context(result, _TYPICAL), result["estimated_error"]
@@ -372,7 +364,6 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
 
 
 def _errors_found(result: xr.Dataset) -> Table:
-    """Tabulate estimated errors, standard errors and fit quality, with one row for each heliostat and point."""
     rank = next((name for name in _RANKS if name in result), "")
     if rank:
         worst = result[rank].max([dim for dim in result[rank].dims if dim != HELIOSTAT])
@@ -470,7 +461,6 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 
 def _of_statistics(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield remarks with the number of statistics that omit some draws, and the number that omit all draws."""
     real = result["real_fraction"].to_numpy()
     some, none = int(np.count_nonzero((real > 0) & (real < 1))), int(np.count_nonzero(real == 0))
     yield some, f"{some:,} of {real.size:,} statistics omit draws whose ray does not reach the receiver's plane"
@@ -478,7 +468,6 @@ def _of_statistics(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_arrays(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield a remark for each array with the number of heliostats that never cross it."""
     missed = result["misses_array"].transpose(..., "detector").to_numpy()
     missed = missed.reshape(-1, missed.shape[-1]) > 0
     for number, count in enumerate(np.count_nonzero(missed, axis=0).tolist()):
@@ -489,7 +478,6 @@ def _of_arrays(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_calibrations(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield remarks about calibrations that the data do not support, and about heliostats with doubtful results."""
     yield from _of_flags(result, "calibration_status")
     doubtful = result["calibration_status"].to_numpy() == DOUBTFUL
     heliostats = _names(result)[doubtful.reshape(-1, doubtful.shape[-1]).any(axis=0)]
@@ -504,7 +492,6 @@ def _of_calibrations(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_commands(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield a remark with the number of instants at which no command exists."""
     count = int(result["instants_without_command"].sum())
     instants = math.prod(size for dim, size in result["nominal_azimuth"].sizes.items() if dim in (*DAYS, HOUR))
     all_instants = int(np.isin(result["calibration_status"], KNOWN).sum()) * instants
@@ -544,7 +531,6 @@ def _of_estimates(result: xr.Dataset, which: np.ndarray) -> dict[str, Any]:
 
 
 def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield remarks about heliostats and rays without a spot, and about instants without sun."""
     status = result["spot_status"]
     times = [dim for dim in status.dims if dim in (*DAYS, HOUR)]
     points = status.size // math.prod(status.sizes[dim] for dim in times)
@@ -564,13 +550,11 @@ def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _names(result: xr.Dataset) -> np.ndarray:
-    """Return the names of the heliostats, or their numbers if they have no names."""
     names: np.ndarray = result[label_of(result.coords)].to_numpy()
     return names
 
 
 def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield a remark that lists the mount errors that changed, in descending order of their latest change."""
     order = (HELIOSTAT, "parameter", "period")
     drift = result["drift"].transpose(..., *order).to_numpy().reshape(-1, *(result.sizes[dim] for dim in order))[0] == 1
     change, error = (
@@ -594,7 +578,6 @@ def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield remarks about each table: interpretations that fit the spots much better, and spots that disagree."""
     several = "campaign" in result["better_reading"].dims
     for campaign in map(str, result["campaign"].to_numpy()) if several else ("",):
         table = result.sel(campaign=campaign) if several else result
@@ -602,7 +585,6 @@ def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _of_campaign(result: xr.Dataset) -> Iterator[Remark]:
-    """Yield remarks about one table: interpretations that fit the spots much better, and spots that disagree."""
     point = result.isel({dim: 0 for dim in result["better_reading"].dims if dim != "heliostat"})
     known = int(np.isin(point["calibration_status"], KNOWN).sum())
     mirrored = (

@@ -117,13 +117,10 @@ def curves_work(study: MisalignmentStudy) -> Computation:
 
 
 def _lines(study: MisalignmentStudy) -> Floats:
-    """Return the lines of detectors, shape (L, 3)."""
-    lines = () if study.detectors is None else study.detectors.lines or ()
-    return np.array(lines, np.float64).reshape(-1, 3)
+    return np.array(() if study.detectors is None else study.detectors.lines or (), np.float64).reshape(-1, 3)
 
 
 def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
-    """Return the coordinates of detector lines, and the measured spots in the order of their file."""
     added: dict[str, Any] = {
         key: ("detector", column, {"long_name": f"{key} of the line of detectors l0 Y + l1 Z = l2", "units": unit})
         for column, (key, unit) in zip(_lines(study).T, {"l0": "1", "l1": "1", "l2": "m"}.items(), strict=True)
@@ -457,5 +454,4 @@ def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the mean along the last dimension, ignoring NaN; NaN if there are no values."""
     count = np.count_nonzero(~np.isnan(values), axis=-1)
     # Values are added in order, so that padding at the end does not change the rounding of the sum.
-    total = np.cumsum(np.nan_to_num(values), axis=-1)[..., -1]
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return np.where(count > 0, np.cumsum(np.nan_to_num(values), axis=-1)[..., -1] / np.maximum(count, 1), np.nan)

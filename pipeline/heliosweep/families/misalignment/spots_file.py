@@ -104,7 +104,6 @@ TRACES = ("elevation", "azimuth")
 
 
 def _trace(text: str) -> int:
-    """Return the index of the trace that a cell names. Raises ValueError."""
     if text not in TRACES:
         raise ValueError(f"must be {one_of(TRACES)}, the trace of this crossing (got {text[:40]!r})")
     return TRACES.index(text)
@@ -322,7 +321,6 @@ def read_spots(
 
 
 def _universal_times(table: Table, timezone: str) -> NDArray[np.datetime64]:
-    """Return the universal time of each row; NaT if the table has no times."""
     if "time" not in table.header:
         return np.full(len(table), _NO_TIME)
     times, local = table.column("time").reshape(-1, 2).T
@@ -356,7 +354,6 @@ def _heliostats(count: int, names: Sequence[str]) -> Column:
 
 
 def _check_header(table: Table) -> None:
-    """Check that the columns are consistent."""
     sun = [key for key in _SUN if key in table.header]
     missing = ", ".join(key for key in _SUN if key not in sun)
     words = f"the columns {missing} beside {', '.join(sun)}" if sun else "a column time, or sun_x, sun_y, sun_z"
@@ -495,7 +492,6 @@ def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
 
 
 def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
-    """Yield problems and warnings about the rows of a table."""
     if measured.unused:
         yield f"{measured.name}: columns that are not used: {few_of(measured.unused)}"
     layout = None if study.layout is None else Layouts(study)[()]
@@ -510,7 +506,6 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
 
 
 def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
-    """Return a problem for each spot that probably has a wrong unit, and each crossing that is not on an array."""
     if measured.trace is None:
         pivots = np.array(study.heliostats.positions or (), float).reshape(-1, 3).T
         x, y = pivots[:2] if study.layout is None else ((layout := Layouts(study)[()]).x, layout.y)
@@ -554,7 +549,6 @@ def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what:
 
 
 def _spare_rows(study: MisalignmentStudy, campaigns: Sequence[MeasuredSpots]) -> Iterator[Problem | str]:
-    """Yield problems if held-out spots are unknown, or if windows are used without times; warn about long windows."""
     block, files = study.calibration, " and ".join(measured.name for measured in campaigns)
     if block is None:
         return

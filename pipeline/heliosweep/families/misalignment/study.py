@@ -86,7 +86,6 @@ LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauc
 
 
 def _when(*rules: Rule) -> Iterator[Fault]:
-    """Yield the fault of each rule whose condition is true."""
     return (found for wrong, found in rules if wrong)
 
 
@@ -577,7 +576,6 @@ class MisalignmentStudy(Study):
     @model_validator(mode="before")
     @classmethod
     def _with_calibration(cls, given: Any) -> Any:
-        """Add a default calibration block if the study has none."""
         if isinstance(given, Mapping) and given.get("mode") == "calibration" and given.get("calibration") is None:
             return {**given, "calibration": {}}
         return given
@@ -592,7 +590,6 @@ class MisalignmentStudy(Study):
         yield from _when(*self._sun_rules(), *self._time_rules(), *self._mode_rules(), *self._error_rules())
 
     def _sun_rules(self) -> Iterable[Rule]:
-        """Return the rules for heliostats, sites and suns."""
         positions, time, sun = self.heliostats.positions, self.time, self.sun
         placed = self.site is not None or self.sites is not None
         twice = (
@@ -626,7 +623,6 @@ class MisalignmentStudy(Study):
         )
 
     def _time_rules(self) -> Iterable[Rule]:
-        """Return the rules for days and hours, which are dimensions of the result, and for days with spots."""
         time, used = self.time, max(ends((self.calibration and self.calibration.days_used) or 0))
         sweeps = {key: getattr(time, key, None) for key in ("days", "declination", "hours")}
         axes: dict[str, Any] = {key: sweep.items() for key, sweep in sweeps.items() if sweep is not None}
@@ -645,7 +641,6 @@ class MisalignmentStudy(Study):
         )  # fmt: skip
 
     def _mode_rules(self) -> Iterable[Rule]:
-        """Return the rules for the blocks that the mode allows or requires."""
         mode, errors, names = self.mode, self.mount_errors, one_of(ERRORS)
         given = errors is not None or self.table_of_spots() is not None or (mode == "detectors" and not self.detectors)
         empty = errors is not None and not errors.model_fields_set & set(ERRORS)
