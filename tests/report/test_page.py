@@ -27,6 +27,7 @@ PLAIN = SimpleNamespace(
     figures=lambda _: (),
     tables=lambda _: (),
     headlines=("field_optical_efficiency",),
+    answers=lambda _: (),
 )
 
 
@@ -300,7 +301,7 @@ def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_pat
     table = Table(
         "Errors", [Column("mount", ["A"]), Column(f"error {EVIL}", [1.25], "m", errors=[0.25])], ["One note."]
     )
-    family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], headlines=())
+    family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], headlines=(), answers=lambda _: ())
     shown = Page(write_report(tmp_path, family_of=lambda _: family).read_text(encoding="utf-8"))
     assert all(words in shown.text for words in (EVIL, "1.25 \N{PLUS-MINUS SIGN} 0.25", "One note."))
     assert shown.scripts == []

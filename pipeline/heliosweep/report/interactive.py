@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from typing import Any
 
@@ -105,13 +105,9 @@ def explore(result: xr.Dataset, figures: Iterable[Figure]) -> tuple[str, list[di
     if not plots:
         return "", []
     script, places = components(plots, wrap_script=False)
-    numbers: dict[str, str] = {}
-
-    def numbered(text: str) -> str:
-        """Replace random identifiers by numbers, so that equal results give equal pages."""
-        pattern = r'(?<=")(p\d{4,}|[0-9a-f]{8}-[0-9a-f-]{27})(?=")'
-        return re.sub(pattern, lambda found: numbers.setdefault(found[1], f"bokeh-{len(numbers)}"), text)
-
+    # Numbers replace random identifiers, so that equal results give equal pages.
+    pattern, numbers = r'(?<=")(p\d{4,}|[0-9a-f]{8}-[0-9a-f-]{27})(?=")', dict[str, str]()
+    numbered = partial(re.sub, pattern, lambda found: numbers.setdefault(found[1], f"bokeh-{len(numbers)}"))
     script = numbered(script)
     return script, [{**text, "html": numbered(places[name])} for text, name in zip(texts, plots, strict=True)]
 
@@ -129,14 +125,16 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     line = preferred(result, dims_of_lines, figure.lines) if isinstance(figure, Curves | Planes) else None
     keep = {dim for dim in (*axes, line) if dim}
     names = [name for name in figure.variables if axes_of(result, figure, name) == axes]
-    names = [name for name in names if result[name].dtype.kind != "M"]
-    quantities, dims = _quantities(context, figure, names, keep)
+    quantities, dims = _quantities(context, figure, [name for name in names if result[name].dtype.kind != "M"], keep)
     if not quantities:
         return None
     titles: list[Any] = [(name, quantity["title"]) for name, quantity in quantities.items()]
     choose = Select(title="Quantity", value=titles[0][0], options=titles, visible=len(titles) > 1)
-    chosen = {dim: one for dim, one in dims.items() if dim not in keep and len(one["texts"]) > 1}
-    selects = {dim: _select(one, context.position(dim)) for dim, one in chosen.items()}
+    selects = {
+        dim: _select(one, context.position(dim))
+        for dim, one in dims.items()
+        if dim not in keep and len(one["texts"]) > 1
+    }
     told = Div(text="", styles={"font-size": "14px"})
     drawing, arguments = {Maps: _map, Rasters: _picture}.get(type(figure), _lines)(context, figure, dims, axes, line)
     arguments |= {
@@ -175,12 +173,11 @@ def _quantities(
                 kept = {**more, **kept}
             for dim in kept.keys() - dims.keys():
                 values = context.coordinate(dim).to_numpy()[kept[dim]]
-                dates = values.dtype.kind == "M"
-                numbers = is_joined(context.result, dim) and values.dtype.kind in "fiu"
-                at = values.astype("datetime64[ms]") if dates else values if numbers else np.arange(values.size)
+                dates, words = values.dtype.kind == "M", not is_joined(context.result, dim) or values.dtype.kind in "OU"
+                at = np.arange(values.size) if words else values.astype("datetime64[ms]") if dates else values
                 texts = [context.value(dim, int(i)) for i in kept[dim]]
-                dims[dim] = {"title": context.title(dim), "texts": texts, "at": at.astype(float), "kept": kept[dim]}
-                dims[dim]["dates"] = dates
+                about = {"title": context.title(dim), "texts": texts, "kept": kept[dim], "dates": dates}
+                dims[dim] = {**about, "at": at.astype(float)}
     return quantities, dims
 
 

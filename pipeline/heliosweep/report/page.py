@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path, PurePath
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
@@ -94,13 +93,15 @@ def write_report(
     remarks = list[str]()
     noted: Any = partial(_noted, remarks, bool(manifest))
     compared = _comparison(place, study, result)
-    family = family or _UNKNOWN
-    names = family.headlines
-    figures, made, plots = list[Figure](), list[tables.Table](), list[dict[str, str]]()
-    pictures: list[dict[str, Any]] = []
-    script = ""
+    names, script = family.headlines if family else (), ""
+    figures, made, plots, pictures = (
+        list[Figure](),
+        list[tables.Table](),
+        list[dict[str, str]](),
+        list[dict[str, Any]](),
+    )
     with noted("The figures"):
-        figures = with_heat_map(result, family.figures(result), names)
+        figures = with_heat_map(result, (family.figures if family else default_figures)(result), names)
     if summary:
         with noted("The figure"):
             pictures = [embedded(named) for named in draw(result, figures, most=1)]
@@ -109,7 +110,7 @@ def write_report(
         with noted("The interactive plots"):
             script, plots = explore(result, figures)
     with noted("The tables of results"):
-        made = list(family.tables(result)) or tables.default_tables(result, names)
+        made = [*(family.tables(result) if family else ())] or tables.default_tables(result, names)
     headlines = tables.headlines(result, names)
     source = next((name for name in STUDIES if (place / name).is_file()), "")
     content = {
@@ -121,7 +122,7 @@ def write_report(
             str(result.attrs[key]) for key in ("source", "study_id") if key in result.attrs
         ),
         "summary": result.attrs.get("summary", ""),
-        "answers": list(getattr(family, "answers", _UNKNOWN.answers)(result)),
+        "answers": list(family.answers(result)) if family else [],
         "compared": compared,
         "published": [compared.table(result).printed()] if compared else [],
         "remarks": [*damage, *(compared.surprises if compared else ()), *manifest.get("remarks", ()), *remarks],
@@ -185,10 +186,6 @@ def _harmless(script: str) -> str:
     return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 
-#: Substitute for an unknown family.
-_UNKNOWN = SimpleNamespace(headlines=(), figures=default_figures, tables=lambda _: (), answers=lambda _: ())
-
-
 @contextmanager
 def _noted(remarks: list[str], sound: bool, what: str) -> Iterator[None]:
     """Add a remark if a part of a page cannot be created. Raises the error if `sound` is False."""
@@ -238,8 +235,8 @@ def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]
     picture = picture or pixels(named.figure)
     width, height = (round(0.55 * side) for side in picture.size)  # CSS pixels per pixel of the image
     small = png(picture.quantize(256, method=Quantize.FASTOCTREE, dither=Dither.NONE))  # reduces the size to a quarter
-    data = base64.b64encode(small).decode()
-    return {"name": named.name, "caption": named.caption, "png": data, "width": width, "height": height}
+    about: Any = {"name": named.name, "caption": named.caption, "width": width, "height": height}
+    return about | {"png": base64.b64encode(small).decode()}
 
 
 def for_others(page: str, study: str) -> str:

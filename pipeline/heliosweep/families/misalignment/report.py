@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -60,8 +59,8 @@ _RANKS = ("held_out_residual_rms", "beam_residual_rms")
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
     """Yield the figures for a result of any mode. For a field, maps come first."""
-    parts = [_spots(result), _field(result)]
-    yield from itertools.chain(*parts[:: -1 if result.sizes.get(HELIOSTAT, 0) >= FIELD else 1], _calibration(result))
+    parts = [_spots(result), _field(result)][:: -1 if result.sizes.get(HELIOSTAT, 0) >= FIELD else 1]
+    yield from itertools.chain(*parts, _calibration(result))
 
 
 def _spots(result: xr.Dataset) -> list[Figure]:
@@ -291,8 +290,6 @@ def _ellipses(axes: Any, result: xr.Dataset, point: Point) -> None:
     from heliosweep.report.draw import frame_square
 
     names, corners = ("spot_y_mean", "spot_z_mean", "spot_y_variance", "spot_z_variance", "spot_yz_covariance"), []
-    if not set(names) <= set(result.data_vars):
-        return
     rows = np.stack([np.atleast_1d(at(result[name], point)) for name in names], axis=-1)
     for place in np.flatnonzero(np.isfinite(rows).all(axis=1)):
         y, z, yy, zz, yz = rows[place]
@@ -369,8 +366,8 @@ def _errors_found(result: xr.Dataset) -> Table:
         worst = result[rank].max([dim for dim in result[rank].dims if dim != HELIOSTAT])
         result = result.isel({HELIOSTAT: np.argsort(-worst.fillna(-1.0).to_numpy(), kind="stable")})
     context, found = Context(result, {"parameters": 99, "days_used": 99}), result["estimated_error"]
-    inner = ("parameter", HELIOSTAT, "sample")
-    dims = [*(str(dim) for dim in found.dims if dim not in inner and found.sizes[dim] > 1), HELIOSTAT]
+    swept = {dim: size for dim, size in found.sizes.items() if dim not in ("parameter", HELIOSTAT, "sample")}
+    dims = [*(str(dim) for dim, size in swept.items() if size > 1), HELIOSTAT]
     dims = dims if math.prod(map(result.sizes.__getitem__, dims)) <= 60 else [HELIOSTAT]
     fixed = context.fixed(found, "parameter", *dims)
     here, names = result.isel(fixed), result["parameter"].astype(str).str.replace("_", " ").to_numpy().tolist()
@@ -392,15 +389,17 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
     dims, percent = [str(dim) for dim in hits.dims if dim != HELIOSTAT], {"units": "%"}
     hits = hits.where(np.isfinite(hits)).transpose(..., HELIOSTAT)
     names = np.array([context.value(HELIOSTAT, index) for index in range(result.sizes[HELIOSTAT])])
-    worst, inner = hits.fillna(200.0).argmin(HELIOSTAT), [str(dim) for dim in result.sizes if dim not in dims]
+    worst, inner = (
+        hits.fillna(200.0).argmin(HELIOSTAT),
+        [dim for dim in result["spot_y_variance"].dims if dim not in dims],
+    )
     shown = [
         hits.mean(HELIOSTAT).assign_attrs(percent).rename("spots inside, mean"),
         hits.min(HELIOSTAT).assign_attrs(percent).rename("spots inside, worst heliostat"),
         worst.copy(data=names[worst.to_numpy()]).rename("worst heliostat"),
     ]
     for side, word in (("y", "to the right"), ("z", "upwards")):
-        spots = result[f"spot_{side}_variance"].reset_coords(drop=True)
-        spread = spots.median([dim for dim in inner if dim in spots.dims], skipna=True) ** 0.5
+        spread = result[f"spot_{side}_variance"].reset_coords(drop=True).median(inner) ** 0.5
         shown.append(spread.assign_attrs(units="m").rename(f"spread {word}"))
     note = (
         "Spots inside: fraction of all draws and hours with sun in which the centre of the beam is inside the "
@@ -440,44 +439,43 @@ _FLAGS = {
         BLIND_CONE: "{count} rays would need a mount to point into its blind cone: no spot",
     },
 }
-#: Count, and the warning that is given if the count is not zero.
-Remark = tuple[int, str]
+#: Counts, each with the warning that is given if the count is not zero.
+Remarks = Iterator[tuple[int, str]]
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
     """Yield warnings about missing spots, missing statistics, unsupported estimates, and missed detector arrays."""
-    parts: dict[str, Callable[[xr.Dataset], Iterator[Remark]]] = {
+    parts: dict[str, Callable[[xr.Dataset], Remarks]] = {
         "spot_status": _of_spots,
         "real_fraction": _of_statistics,
         "misses_array": _of_arrays,
-        "detector_status": partial(_of_flags, name="detector_status"),
+        "detector_status": lambda result: _of_flags(result, "detector_status"),
         "calibration_status": _of_calibrations,
         "spot_deviation": _of_measured,
         "drift": _of_drift,
         "instants_without_command": _of_commands,
     }
-    found = (part(result) for name, part in parts.items() if name in result)
-    return (words for count, words in itertools.chain.from_iterable(found) if count)
+    return (words for name, part in parts.items() if name in result for count, words in part(result) if count)
 
 
-def _of_statistics(result: xr.Dataset) -> Iterator[Remark]:
+def _of_statistics(result: xr.Dataset) -> Remarks:
     real = result["real_fraction"].to_numpy()
     some, none = int(np.count_nonzero((real > 0) & (real < 1))), int(np.count_nonzero(real == 0))
     yield some, f"{some:,} of {real.size:,} statistics omit draws whose ray does not reach the receiver's plane"
     yield none, f"{none:,} of {real.size:,} statistics are missing: no draw's ray reaches the receiver's plane"
 
 
-def _of_arrays(result: xr.Dataset) -> Iterator[Remark]:
-    missed = result["misses_array"].transpose(..., "detector").to_numpy()
-    missed = missed.reshape(-1, missed.shape[-1]) > 0
-    for number, count in enumerate(np.count_nonzero(missed, axis=0).tolist()):
-        words = (
-            f"{count:,} of {len(missed):,} heliostats, counted at each point of the sweep, never cross array {number}"
+def _of_arrays(result: xr.Dataset) -> Remarks:
+    missed = result["misses_array"].transpose("detector", ...).to_numpy()
+    for number, each in enumerate(missed > 0):
+        words = f"{each.sum():,} of {each.size:,} heliostats, counted at each point of the sweep, never"
+        yield (
+            int(each.sum()),
+            f"{words} cross array {number} with any trace (misses_array): move the array, or make it longer",
         )
-        yield count, f"{words} with any trace (misses_array): move the array, or make it longer"
 
 
-def _of_calibrations(result: xr.Dataset) -> Iterator[Remark]:
+def _of_calibrations(result: xr.Dataset) -> Remarks:
     yield from _of_flags(result, "calibration_status")
     doubtful = result["calibration_status"].to_numpy() == DOUBTFUL
     heliostats = _names(result)[doubtful.reshape(-1, doubtful.shape[-1]).any(axis=0)]
@@ -491,7 +489,7 @@ def _of_calibrations(result: xr.Dataset) -> Iterator[Remark]:
     )
 
 
-def _of_commands(result: xr.Dataset) -> Iterator[Remark]:
+def _of_commands(result: xr.Dataset) -> Remarks:
     count = int(result["instants_without_command"].sum())
     instants = math.prod(size for dim, size in result["nominal_azimuth"].sizes.items() if dim in (*DAYS, HOUR))
     all_instants = int(np.isin(result["calibration_status"], KNOWN).sum()) * instants
@@ -503,34 +501,29 @@ def _of_commands(result: xr.Dataset) -> Iterator[Remark]:
     )
 
 
-def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingProxyType({})) -> Iterator[Remark]:
+def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingProxyType({})) -> Remarks:
     """Yield a warning for each code of a flag. The values in `less` are subtracted from the counts of their codes."""
     status = result[name].to_numpy()
     for code, words in _FLAGS[name].items():
-        count = int(np.count_nonzero(status == code)) - less.get(code, 0)
-        texts = _of_estimates(result, status == code) if count and name == "calibration_status" else {}
-        if count:
+        if count := int(np.count_nonzero(status == code)) - less.get(code, 0):
+            texts = _of_estimates(result, status == code) if name == "calibration_status" else {}
             yield count, f"{words.format(count=f'{count:,} of {status.size:,}', **texts)} ({name} {code})"
 
 
 def _of_estimates(result: xr.Dataset, which: np.ndarray) -> dict[str, Any]:
     """Return the strings to insert into a warning about the calibrations `which`."""
-    direction, condition, status = (
-        result[name] for name in ("least_known_direction", "condition_number", "calibration_status")
-    )
-    names = str(direction.attrs["flag_meanings"]).split()
-    parameters = result["parameters"].broadcast_like(status).transpose(*status.dims).to_numpy()[which]
-    given = condition.attrs.get("condition_limit")
-    limits = {CONDITION_LIMITS[number] if given is None else float(given) for number in parameters.tolist()}
+    direction, condition = result["least_known_direction"], result["condition_number"]
+    parameters = result["parameters"].broadcast_like(condition).transpose(*condition.dims).to_numpy()[which]
+    limits = {float(condition.attrs.get("condition_limit", CONDITION_LIMITS[number])) for number in parameters.tolist()}
     return {
         "what": "crossings" if "crossings_used" in result else "spots",
-        "least": names[int(np.bincount(direction.to_numpy()[which] + 1).argmax())],
+        "least": str(direction.attrs["flag_meanings"]).split()[np.bincount(direction.to_numpy()[which] + 1).argmax()],
         "limits": " or ".join(f"{limit:g}" for limit in sorted(limits)),
         "largest": np.fmax.reduce(condition.to_numpy()[which]),
     }
 
 
-def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
+def _of_spots(result: xr.Dataset) -> Remarks:
     status = result["spot_status"]
     times = [dim for dim in status.dims if dim in (*DAYS, HOUR)]
     points = status.size // math.prod(status.sizes[dim] for dim in times)
@@ -550,11 +543,10 @@ def _of_spots(result: xr.Dataset) -> Iterator[Remark]:
 
 
 def _names(result: xr.Dataset) -> np.ndarray:
-    names: np.ndarray = result[label_of(result.coords)].to_numpy()
-    return names
+    return np.asarray(result[label_of(result.coords)])
 
 
-def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
+def _of_drift(result: xr.Dataset) -> Remarks:
     order = (HELIOSTAT, "parameter", "period")
     drift = result["drift"].transpose(..., *order).to_numpy().reshape(-1, *(result.sizes[dim] for dim in order))[0] == 1
     change, error = (
@@ -577,21 +569,21 @@ def _of_drift(result: xr.Dataset) -> Iterator[Remark]:
     )
 
 
-def _of_measured(result: xr.Dataset) -> Iterator[Remark]:
+def _of_measured(result: xr.Dataset) -> Remarks:
     several = "campaign" in result["better_reading"].dims
     for campaign in map(str, result["campaign"].to_numpy()) if several else ("",):
         table = result.sel(campaign=campaign) if several else result
         yield from ((count, f"{campaign}: " * several + words) for count, words in _of_campaign(table))
 
 
-def _of_campaign(result: xr.Dataset) -> Iterator[Remark]:
+def _of_campaign(result: xr.Dataset) -> Remarks:
     point = result.isel({dim: 0 for dim in result["better_reading"].dims if dim != "heliostat"})
     known = int(np.isin(point["calibration_status"], KNOWN).sum())
     mirrored = (
         "y is positive to the right for an observer in the field who faces the receiver, and z is positive upwards"
     )
-    for code in (MIRRORED, EARLIER, LATER):
-        advice = mirrored if code == MIRRORED else "check the offset from universal time, and summer time"
+    clock = "check the offset from universal time, and summer time"
+    for code, advice in ((MIRRORED, mirrored), (EARLIER, clock), (LATER, clock)):
         count = int((point["better_reading"] == code).sum())
         fitted = f"the spots of {count:,} of {known:,} heliostats fit much better {READINGS[code].replace('_', ' ')}"
         yield int(count > (known / 4 if count > 1 else known / 2)), f"{fitted}: {advice} (better_reading)"
