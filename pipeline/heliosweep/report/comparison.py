@@ -348,9 +348,9 @@ def read_comparison(path: Path) -> Compared:
     lines = path.read_text(encoding="utf-8").splitlines()
     source = [line[1:].strip() for line in lines if line.startswith("#")]
     try:
-        rows = csv.DictReader(lines[len(source) :])
         values = [
-            _comparison(row, float(row["computed"]), float(row["published"]), float(row["tolerance"])) for row in rows
+            _comparison(row, float(row["computed"]), float(row["published"]), float(row["tolerance"]))
+            for row in csv.DictReader(lines[len(source) :])
         ]
     except (AttributeError, KeyError, TypeError, ValueError):
         message = "is not a comparison written by heliosweep; remove it, or run the study again"

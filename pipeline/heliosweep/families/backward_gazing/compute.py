@@ -218,10 +218,16 @@ def estimates(
 def slopes_of(study: BackwardGazingStudy, values: Values, seen: Any, *more: str, fit_gain: bool | None = None) -> Found:
     """Estimate slopes from images with the methods that a study selects, and with the methods `more`."""
     rows, methods = tuple(map(REFERENTIALS.index, study.referential)), (*study.method, *more)
-    gain = study.fit_gain if fit_gain is None else fit_gain
-    threshold = values["cameras.threshold"]
     return find_slopes(
-        seen.layout, seen.profile, seen.images, seen.mirror.pixels, threshold, methods, rows, gain, study.smooth
+        seen.layout,
+        seen.profile,
+        seen.images,
+        seen.mirror.pixels,
+        values["cameras.threshold"],
+        methods,
+        rows,
+        study.fit_gain if fit_gain is None else fit_gain,
+        study.smooth,
     )
 
 

@@ -167,14 +167,13 @@ def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> 
     study, scene = point.study, Scene.of(point)
     given = {key: point[f"detectors.{key}"] for key in DEFAULTS}
     settings = DEFAULTS | {key: value for key, value in given.items() if value is not None}
-    limit = study.detectors.condition_limit
     field = _Field(
         scene.mounts(),
         np.array([scene.setting.half_width[0], scene.setting.half_height[0]]),
         scene.sun,
         segments,
         float(np.hypot(settings["noise"], settings["pitch"] / np.sqrt(12.0))),
-        {"parameters": int(settings["parameters"]), "condition_limit": limit},
+        {"parameters": int(settings["parameters"]), "condition_limit": study.detectors.condition_limit},
     )
     if point.inputs is not None:
         return arranged(study, variables, field.from_table(scene.numbers, point.inputs))

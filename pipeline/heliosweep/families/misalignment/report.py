@@ -466,12 +466,12 @@ def _of_statistics(result: xr.Dataset) -> Remarks:
 
 
 def _of_arrays(result: xr.Dataset) -> Remarks:
-    missed = result["misses_array"].transpose("detector", ...).to_numpy()
-    for number, each in enumerate(missed > 0):
-        words = f"{each.sum():,} of {each.size:,} heliostats, counted at each point of the sweep, never"
+    missed, advice = result["misses_array"].transpose("detector", ...), "with any trace (misses_array): move the array"
+    for number, each in enumerate(missed.to_numpy() > 0):
+        words = f"{each.sum():,} of {each.size:,} heliostats, counted at each point of the sweep,"
         yield (
             int(each.sum()),
-            f"{words} cross array {number} with any trace (misses_array): move the array, or make it longer",
+            f"{words} never cross array {number} {advice}, or make it longer",
         )
 
 
@@ -556,11 +556,10 @@ def _of_drift(result: xr.Dataset) -> Remarks:
     rows, errors = np.nonzero(drift.any(axis=-1))
     last = drift.shape[-1] - 1 - np.argmax(drift[rows, errors, ::-1], axis=-1)
     size, spread, names = change[rows, errors, last], error[rows, errors, last], _names(result)
-    worst = np.argsort(-np.abs(size), kind="stable")[:_LISTED]
     listed = "; ".join(
         f"{names[rows[k]]} {result['parameter'].to_numpy()[errors[k]].replace('_', ' ')} {size[k]:+.2f} "
         f"+- {spread[k]:.2f} mrad by {result['period'].to_numpy()[last[k]]:.10}"
-        for k in worst
+        for k in np.argsort(-np.abs(size), kind="stable")[:_LISTED]
     )
     yield (
         rows.size,
