@@ -283,7 +283,7 @@ def trace_field(
     each = _rays_for(scene, [sun[one] for one in some], None, rays, precision, cells, area, seed, instants)
     given: dict[str, Any] = {"rays": each, "seed": seed, "cells": cells, "threads": threads, "share": area}
     given["cuda"] = _on_device(device)
-    length = 1 if cells is not None else max(1, 100_000 // len(area))  # instants whose sums are in memory
+    length = 1 if cells is not None else max(1, 20_000 // len(area))  # instants whose sums are in memory
     variables, shape, efficiency, maps = dict[str, Any](), (*dims, "heliostat"), [], []
     for first in range(0, instants, length):
         last = min(first + length, instants)
