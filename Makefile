@@ -11,7 +11,7 @@ export STUDY ?=
 STUDIES ?= studies/*_table*.yaml studies/*.yaml
 # two processes share the studies, six at a time: one draws pages while the other computes
 EACH_ONCE := awk '!seen[$$0]++' | tr '\n' '\0' | xargs -0 -n 6 -P 2
-# names of benchmarks in tests/bench: kernels and whole commands (studies, engines and memory take long), and
+# names of benchmarks in tests/bench: kernels (field, rays and compile) and whole commands (study), and
 # --page=docs/scaling.md to write the table of the documentation
 BENCH ?= kernels study
 PYTEST_ARGS ?=
@@ -61,7 +61,7 @@ reference: $(TOOLS)  ## after a change of keys: the tables of keys in docs/refer
 index: $(TOOLS)  ## after make: state numbers and verdicts in studies/published/, and the index of papers in studies/README.md
 	@$(BIN)/python -m tests.literature.index
 
-bench: $(TOOLS)  ## speed of kernels and commands; make BENCH="engines memory" bench: those
+bench: $(TOOLS)  ## speed of kernels and commands; make BENCH="rays study" bench: those
 	@$(BIN)/python -c "import PySAM" 2>/dev/null || $(INSTALL) -e '.[sam]' \
 	  || echo "nrel-pysam does not install here; the benchmark goes on without it" >&2
 	@$(BIN)/python -m tests.bench $(BENCH)

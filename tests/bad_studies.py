@@ -7,8 +7,6 @@ and behind ``=>`` what is said. Below ``@ each`` every line takes the place of t
 ``- key`` leaves one out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -74,11 +72,11 @@ def _changed(case: Bad, good: Mapping[str, str]) -> list[str]:
     return [*lines.values()]
 
 
-def check(case: Bad, good: Mapping[str, str], registry: Mapping[str, Any]) -> None:
+def check(case: Bad, good: Mapping[str, str], registry: Mapping[str, Any] | None = None) -> None:
     """Hold a bad study against what is said of it when it is planned; it is written in the working folder."""
     Path("study.yaml").write_text("\n".join([*_changed(case, good), ""]), encoding="utf-8")
     with pytest.raises(StudyError) as error:
-        api.plan(load("study.yaml", registry))
+        api.plan(load("study.yaml", registry) if registry else api.load("study.yaml"))
     assert str(error.value).split("\n") == case.said
     assert error.value.exit_code == 2
     assert not any(phrase in str(error.value) for phrase in PYDANTIC if "not valid YAML" not in str(error.value))

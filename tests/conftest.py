@@ -1,7 +1,5 @@
 """Fixtures that several test folders use."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
@@ -24,17 +22,13 @@ settings.load_profile("heliosweep")
 ROOT = Path(__file__).parent.parent
 STUDIES = ROOT / "studies"
 
+_HOURS = {"start": 7, "stop": 17, "step": 1}
 SMALL: dict[str, Any] = {
     "family": "field_efficiency",
     "title": "a small field",
     "site": {"latitude": [0, 40]},
     "tracking": ["spinning_elevation", "azimuth_elevation"],
-    "time": {
-        "clock": "solar",
-        "days": [80, 355],
-        "hours": {"start": 7, "stop": 17, "step": 1},
-        "sampling": "inclusive",
-    },
+    "time": {"clock": "solar", "days": [80, 355], "hours": _HOURS, "sampling": "inclusive"},
     "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 50, "rings": 2}},
     "heliostat": {"width": 9, "height": 8, "pivot_height": 5},
     "receiver": {"height": 60},

@@ -40,25 +40,6 @@ def test_few_heliostats_get_the_best_of_all_choices(seed):
     assert (found.load <= limit * (1 + 1e-9)).all()
 
 
-def test_groups_of_heliostats_with_cells_of_their_own_get_the_best_of_all_choices():
-    """The bound from prices is far above this optimum, which is the sum over 12 groups of 3 heliostats with 4 aims."""
-    rng = np.random.default_rng(3)
-    power, flux, best = rng.uniform(0.5, 1.0, (4, 36)), np.zeros((4, 36, 24)), 0.0
-    for group in range(12):
-        rows, cells = slice(3 * group, 3 * group + 3), slice(2 * group, 2 * group + 2)
-        flux[:, rows, cells] = rng.integers(256, 1024, (4, 3, 2)) / 1024
-        best += max(
-            sum(power[aim, 3 * group + row] for row, aim in enumerate(choice) if aim >= 0)
-            for choice in itertools.product((-1, 0, 1, 2, 3), repeat=3)
-            if (
-                sum(flux[aim, 3 * group + row, cells] for row, aim in enumerate(choice) if aim >= 0) <= np.ones(2)
-            ).all()
-        )
-    found = heliosweep.choose_aims(power, csr_matrix(flux.reshape(144, 24).astype(np.float32)), np.ones(24))
-    assert found.power == pytest.approx(best, rel=1e-9)
-    assert found.bound == pytest.approx(best, rel=1e-6)
-
-
 def images_of_a_field():
     """Return powers and images of 60 heliostats with 15 aims, and 30 % of the flux without a limit."""
     field = [(12.0 * x, 50.0 + 12.0 * y, 4.0) for x in range(-5, 5) for y in range(6)]
@@ -114,8 +95,3 @@ def test_flux_by_another_seed_keeps_the_limit_within_noise():
 def test_bad_input_is_located(given, words):
     with pytest.raises(ValueError, match=words):
         heliosweep.flux_limited_aims(FIELD, RECEIVER, **{"limit": 500.0, **OPTICS, **given})
-
-
-def test_shapes_must_fit():
-    with pytest.raises(ValueError, match=r"\(A, N\), \(A \* N, C\) and \(C,\)"):
-        heliosweep.choose_aims(np.ones((2, 3)), csr_matrix((5, 4)), np.ones(4))

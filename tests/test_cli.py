@@ -1,7 +1,5 @@
 """The command line: answers, exit codes, bad input, interruption."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -15,11 +13,7 @@ import pytest
 import xarray as xr
 import yaml
 
-from heliosweep import api
 from heliosweep.cli import main
-from heliosweep.errors import HeliosweepError, RunInterrupted
-from heliosweep.kernels import compiled
-from heliosweep.runs import run
 from tests.conftest import SMALL, STUDIES
 from tests.test_imports import HEAVY
 
@@ -106,48 +100,6 @@ def test_plan_writes_nothing(folder, capsys):
     assert contents(folder) == before
 
 
-def test_validate_families_schema(folder, capsys):
-    assert main(["validate", study(folder)]) == 0
-    assert "valid field_efficiency study" in capsys.readouterr().out
-    assert main(["families"]) == 0
-    assert "field_efficiency" in capsys.readouterr().out
-    assert main(["schema", "field_efficiency"]) == 0
-    assert json.loads(capsys.readouterr().out)["properties"]["layout"]
-
-
-CIVIL = {"clock": "civil", "dates": ["2021-06-21"], "window": {"start": "07:00", "stop": "17:00", "step": "1 h"}}
-HERE = r"study\.yaml:\d+:\d+: "
-
-
-#: One of each kind; all messages of studies and of layouts are asked for where these are read.
-BAD: dict[str, tuple[dict[str, Any], str]] = {
-    "unknown key": ({"trakcing": "spinning_elevation"}, HERE + "trakcing: unknown key; did you mean 'tracking'"),
-    "layout not CSV": ({"layout": {"file": "binary.csv"}}, r"binary\.csv"),
-    "layout with NaN": ({"layout": {"file": "nan.csv"}}, r"nan\.csv:3"),
-    "receiver below the mirrors": ({"receiver": {"height": 4}}, HERE + r"receiver\.height: must be above the mirrors"),
-    "no mirror size": (
-        {"heliostat": {"width": 9, "pivot_height": 5}},
-        r"heliostat\.height: is missing: .*column 'height'",
-    ),
-    "civil clock without longitude": ({"time": CIVIL}, r"site\.longitude: is missing[\s\S]*time\.timezone: is missing"),
-}
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_code_2_a_located_message_and_nothing_written(folder, capsys, name):
-    (folder / "binary.csv").write_bytes(bytes(range(256)))
-    (folder / "nan.csv").write_text("x,y\n0,50\nnan,50\n")
-    blocks, message = BAD[name]
-    path = study(folder, **blocks)
-    before = contents(folder)
-    assert main(["run", path]) == 2
-    shown = capsys.readouterr()
-    assert re.search(message, shown.err), shown.err
-    assert "Traceback" not in shown.err
-    assert shown.out == ""
-    assert contents(folder) == before
-
-
 @pytest.mark.parametrize("verb", ["plan", "run"])
 def test_a_sweep_beyond_all_bounds_is_refused_with_code_3(folder, capsys, verb):
     heights = {"height": {"start": 50, "stop": 60, "num": 10**3}}
@@ -156,12 +108,6 @@ def test_a_sweep_beyond_all_bounds_is_refused_with_code_3(folder, capsys, verb):
     assert main([verb, path]) == 3
     assert "shrink" in capsys.readouterr().err
     assert contents(folder) == before
-
-
-def test_output_folder_that_cannot_be_written(folder, capsys):
-    (folder / "taken").write_text("a file")
-    assert main(["run", study(folder), "--output", "taken/result"]) == 2
-    assert "taken/result: cannot write there" in capsys.readouterr().err
 
 
 def test_usage_errors(folder, capsys):
@@ -234,46 +180,6 @@ def test_several_studies_in_one_command(folder, capsys):
     assert "--output: is the folder of one study" in capsys.readouterr().err
 
 
-def test_whatever_befalls_one_study_the_others_go_on(folder, capsys, monkeypatch):
-    real = api.run
-
-    def failing(given: Any, *arguments: Any, **named: Any) -> Any:
-        if given.source.path.name == "a.yaml":
-            raise FloatingPointError("a fault of heliosweep")
-        if given.source.path.name == "b.yaml":
-            raise HeliosweepError("the disk is full")
-        return real(given, *arguments, **named)
-
-    for name in ("a.yaml", "b.yaml", "c.yaml"):
-        Path(study(folder)).rename(folder / name)
-    monkeypatch.setattr(api, "run", failing)
-    assert main(["run", "a.yaml", "b.yaml", "c.yaml", "-q", "--no-report"]) == 1
-    said = capsys.readouterr()
-    assert [line.split("-")[0] for line in said.out.splitlines()] == ["outputs/c"]
-    assert "b.yaml: the disk is full\n2 of 3 studies failed: a.yaml, b.yaml\n" in said.err
-    monkeypatch.setattr(api, "run", lambda *given, **named: (_ for _ in ()).throw(RunInterrupted("stopped")))
-    assert main(["run", "a.yaml", "b.yaml"]) == 4
-    assert capsys.readouterr().err == "stopped\n"
-
-
-def test_the_first_compilation_is_reported_once_in_a_process(monkeypatch, caplog):
-    from numba.core import event
-
-    class Slow:
-        def prepare(self, study: object) -> None:
-            with event.trigger_event("numba:compile"):
-                pass
-
-    slow: Any = Slow()
-    run._report_compilation.cache_clear()
-    monkeypatch.setattr(compiled, "UNCACHED", ["sweep"])
-    run.prepare_kernels(slow, slow)
-    run.prepare_kernels(slow, slow)
-    cached, uncached = caplog.records
-    assert "compiling the kernels, once on this machine; 'heliosweep setup'" in cached.message
-    assert "every run compiles the kernels" in uncached.message
-
-
 def test_output_cut_by_the_reader_is_no_error(folder):
     done = subprocess.run(
         f"{shlex.quote(sys.executable)} -m heliosweep schema field_efficiency | head -1",
@@ -281,30 +187,6 @@ def test_output_cut_by_the_reader_is_no_error(folder):
     )  # fmt: skip
     assert done.stdout.startswith("{")
     assert done.stderr == ""
-
-
-DISH = {
-    "family": "dish_tracking",
-    "site": {"latitude": 80, "longitude": 0},
-    "time": {
-        "clock": "civil",
-        "timezone": "+00:00",
-        "dates": ["2021-06-21", "2021-12-21"],
-        "window": {"start": "00:00", "stop": "24:00", "step": "1 h"},
-        "daylight_only": True,
-    },
-    "mount": {"model": "rigid"},
-    "errors": {"axis_tilt": 0.1},
-    "tolerance": 4,
-}
-
-
-def test_polar_night_of_a_dish_is_said_and_recorded(folder, capsys, caplog):
-    (folder / "dish.yaml").write_text(yaml.safe_dump(DISH))
-    assert main(["run", "dish.yaml", "--quiet", "--no-report", "--output", "out"]) == 0
-    assert "1 of 2 days have no used instant" in caplog.text
-    remarks = json.loads((folder / "out" / "manifest.json").read_text())["remarks"]
-    assert len(remarks) == 1
 
 
 def test_from_run_to_status_verify_compare_and_export(folder, capsys, caplog):

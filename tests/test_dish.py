@@ -49,24 +49,6 @@ def test_tolerable_tilt_gives_the_required_factor():
 DISH = {"focal_length": 6.0, "diameter": 10.0, "aperture_radius": 0.08, "spread": 4.0}
 
 
-@pytest.mark.parametrize(("error", "spread"), [(0.0, 4.0), (9.0, 4.0), (16.0, 4.0), (8.0, 0.1), (11.5, 0.5)])
-def test_the_intercept_of_a_dish_is_that_of_rays(error, spread):
-    """Reflection at a paraboloid, a Gaussian about each ray, and the plane of the focus."""
-    rng, count, f = np.random.default_rng(1), 1_000_000, DISH["focal_length"]
-    radius, angle = 0.5 * DISH["diameter"] * np.sqrt(rng.random(count)), 2.0 * np.pi * rng.random(count)
-    point = np.stack((radius * np.cos(angle), radius * np.sin(angle), radius**2 / (4.0 * f)), axis=1)
-    normal = np.stack((-point[:, 0] / (2.0 * f), -point[:, 1] / (2.0 * f), np.ones(count)), axis=1)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    sun = np.array([np.sin(1e-3 * error), 0.0, np.cos(1e-3 * error)])
-    ray = 2.0 * (normal @ sun)[:, np.newaxis] * normal - sun
-    side = np.cross(ray, [0.3, 0.5, 0.8])
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    ray += 1e-3 * spread * (rng.normal(size=(count, 1)) * side + rng.normal(size=(count, 1)) * np.cross(ray, side))
-    place = point + ((f - point[:, 2]) / ray[:, 2])[:, np.newaxis] * ray
-    rays = np.mean(np.hypot(place[:, 0], place[:, 1]) < DISH["aperture_radius"])
-    assert heliosweep.dish_intercept(error, **DISH | {"spread": spread}) == pytest.approx(rays, abs=1.5e-3)
-
-
 @pytest.mark.parametrize("spread", [0.1, 0.5, 2.0, 20.0])
 @pytest.mark.parametrize(("focal_length", "aperture"), [(6.0, 0.08), (3.0, 0.05)])
 def test_the_intercept_of_a_dish_is_an_independent_integral(spread, focal_length, aperture):

@@ -1,7 +1,5 @@
 """Costs against SAM."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -41,8 +39,3 @@ def test_dimensions_are_kept():
 def test_wrong_values_are_named(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         heliosweep.capital_cost(**PLANT | wrong)
-
-
-def test_no_energy():
-    with pytest.raises(ValueError, match="energy"):
-        heliosweep.levelized_cost(1e6, [1.0, 0.0])

@@ -1,7 +1,5 @@
 """Public functions on energy: the chain, sums of months, and the air."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

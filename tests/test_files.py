@@ -1,7 +1,5 @@
 """Files written whole: names of their own until then, none left of dead processes, and why one was not written."""
 
-from __future__ import annotations
-
 import errno
 import os
 import platform

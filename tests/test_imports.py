@@ -1,7 +1,5 @@
 """The layers import one way only, and what must answer at once imports nothing heavy."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess
@@ -17,34 +15,10 @@ PACKAGE = Path(__file__).parent.parent / "pipeline" / "heliosweep"
 
 #: Each layer may import itself and what stands left of it; kernels know of their sources alone.
 ORDER = [
-    "sources",
-    "errors",
-    "lazy",
-    "files",
-    "config",
-    "kernels",
-    "sun",
-    "light",
-    "aiming",
-    "energy",
-    "economics",
-    "field",
-    "dish",
-    "mounts",
-    "gazing",
-    "layouts",
-    "grid",
-    "store",
-    "report",
-    "search",
-    "families",
-    "runs",
-    "share",
-    "accessor",
-    "api",
-    "commands",
-    "cli",
-]
+    "sources", "errors", "lazy", "files", "config", "kernels", "sun", "light", "aiming", "energy", "economics", "field",
+    "dish", "mounts", "gazing", "layouts", "grid", "store", "report", "search", "families", "runs", "share", "accessor",
+    "api", "commands", "cli",
+]  # fmt: skip
 #: Name of a module, or of an object in one, that is imported by its name.
 NAMED = re.compile(r"heliosweep(\.[a-z_]+)+(:\w+)?")
 HEAVY = {"numba", "xarray", "dask", "pandas", "matplotlib", "scipy", "pvlib", "netCDF4", "rich"}

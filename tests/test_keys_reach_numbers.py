@@ -4,8 +4,6 @@ Each row of the table is a study, a key, two values of it and an effect: a ratio
 with the same result, or none. A numeric key without a row fails the last test.
 """
 
-from __future__ import annotations
-
 import copy
 import functools
 import statistics
@@ -210,90 +208,10 @@ def bearing(result: xr.Dataset) -> np.ndarray:
 
 # Base studies
 
-#: Base studies, each on top of another; null removes a block.
-_BASES = """
-field:
-  family: field_efficiency
-  tracking: azimuth_elevation
-  time: {clock: sun, azimuth: 150, elevation: 50}
-  layout: {radial_stagger: {clearance: 16, inner_radius: 60, rings: 2}}
-  heliostat: {width: 8, height: 7, pivot_height: 6}
-  receiver: {height: 95}
-  output: {field_geometry: true}
-solar: {base: field, site: {latitude: 30}, time: {clock: solar, days: [80], hours: [9]}}
-civil:
-  base: field
-  site: {latitude: 40, longitude: 5}
-  time: {clock: civil, dates: "2021-03-21", timezone: "+00:00", window: {start: "09:00", stop: "10:00", step: 1},
-         sampling: left}
-light:
-  base: field
-  layout: {rows: {spacing: 30, distance: 40, inner_radius: 100, heliostats: 6}, sectors: [{azimuth: 0, width: 60}]}
-  heliostat: {width: 4, height: 3, pivot_height: 4, focus: slant}
-  receiver: {kind: rectangle, height: 60, width: 4, height_extent: 4, azimuth: 0, tilt: -20}
-  optics: {sun_shape: {kind: pillbox}, slope_error: 1.5, reflectivity: 0.9}
-energy:
-  base: light
-  site: {file: "pvlib:data/723170TYA.CSV"}
-  weather: {file: "pvlib:data/723170TYA.CSV"}
-  time: {clock: weather, months: [6]}
-  design_point: {day: 80, solar_hour: 10, dni: 950}
-clear: {base: light, site: {latitude: 37, longitude: -2, altitude: 0}, weather: {clear_sky: {model: ineichen}},
-        time: {clock: civil, dates: "2021-03-21", timezone: "+00:00", window: {start: "09:00", stop: "10:00", step: 1},
-               sampling: left}}
-dish:
-  base: dish_tracking
-  site: {latitude: 40, longitude: 5, altitude: 0}
-  time: {clock: civil, dates: ["2021-03-21", "2021-06-21"], timezone: "+00:00",
-         window: {start: "08:00", stop: "16:00", step: 1}, sampling: left}
-  errors: {axis_tilt: 0.1, axis_tilt_direction: [0, 45, 90, 135, 180, 225, 270, 315]}
-  statistics: {required_factor: 0.5}
-curves:
-  family: misalignment
-  site: {latitude: 37.4}
-  time: {clock: solar, days: [172], hours: [9, 14]}
-  receiver: {height: 143, azimuth: 0, tilt: 0, width: 9, height_extent: 9}
-  heliostats: {positions: [[-16, 150, 0], [-120, 600, 0]]}
-  error: {source: canting, axis: elevation, size: 6}
-mounts:
-  family: misalignment
-  mode: mount_errors
-  site: {latitude: 37.4}
-  time: {clock: solar, days: [80], hours: [8.0, 12.5]}
-  receiver: {height: 100, azimuth: 5, tilt: -10, width: 3, height_extent: 2}
-  heliostats: {positions: [[-16.0, 150.0, 7.0], [120.0, 90.0, 5.0]]}
-  mount: {mirror_offset: 0.5, axis_offset: 0.3, pedestal_height: 4, axis_azimuth: 20}
-  mount_errors: {azimuth_reference: 1.5, elevation_reference: -0.8, tilt_about_east: 0.5}
-calibration: {base: mounts, mode: calibration, calibration: {noise: 0.01},
-              time: {clock: solar, days: [80, 172], hours: [9, 12, 15]}}
-detectors:
-  base: mounts
-  mode: detectors
-  detectors: {arrays: [{points: [[-15, -8], [15, -8]]}, {points: [[8, -15], [8, 15]]}], rounds: 2}
-  time: {clock: solar, days: [172], hours: [9, 10, 12, 14, 15]}
-  mount: {mirror_offset: 0.5}
-gazing:
-  family: backward_gazing
-  mode: simulated
-  heliostat: {distance: 120, focal_length: 120, modules: themis_8, pixel: 0.5}
-  target: {azimuth: 0, elevation: 44, tilt: 30}
-  sun: {azimuth: 30, elevation: 60}
-  cameras: {arrangement: square, radius: 0.24}
-  defects: {canting: {2: [0, -1], 3: [0, 1]}}
-  method: LM
-  erosion: 0
-  output: {maps: true}
-drawn: {base: field, heliostat: {width: {normal: [8, 0.1]}, height: 7, pivot_height: 6}, sample: {size: 32}}
-sites: {base: solar, site: null, sites: [{name: a, latitude: 30}]}
-civil_sites: {base: civil, site: null, sites: [{name: a, latitude: 40, longitude: 5}]}
-clear_sites: {base: clear, site: null, sites: [{name: a, latitude: 37, longitude: -2, altitude: 0}]}
-dish_sites: {base: dish, site: null, sites: [{name: a, latitude: 40, longitude: 5, altitude: 0}]}
-curves_sites: {base: curves, site: null, sites: [{name: a, latitude: 37.4}]}
-"""
 #: Concentrator of a dish.
 DISH = {"weather": "pvlib:data/723170TYA.CSV", "focal_length": 6, "diameter": 8, "aperture_radius": 0.06, "spread": 4}
 BASES: dict[str, dict[str, Any]] = {"dish_tracking": yaml.safe_load(families()["dish_tracking"].example())}
-for name, own in yaml.safe_load(_BASES).items():
+for name, own in yaml.safe_load((ROOT / "key_bases.yaml").read_text(encoding="utf-8")).items():
     whole = {**BASES.get(own.pop("base", ""), {}), **own}
     BASES[name] = {key: block for key, block in whole.items() if block is not None}
 CIVIL, ENERGY = BASES["civil"], BASES["energy"]
@@ -305,7 +223,6 @@ ERRORS = (
     *("azimuth_reference", "elevation_reference", "tilt_about_east", "tilt_about_north"),
     *("non_orthogonality", "collimation"),
 )
-COSINE = "field_cosine_efficiency"
 INTERCEPT = "intercept_efficiency"
 SPOT = "spot_y"
 

@@ -1,7 +1,5 @@
 """The Makefile hands over any name of a study."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -16,14 +14,8 @@ from tests.conftest import ROOT
 def project(tmp_path) -> Path:
     """A ready project whose command only prints its arguments."""
     shutil.copy(ROOT / "Makefile", tmp_path)
-    for name in (
-        "pyproject.toml",
-        "constraints.txt",
-        ".venv/.ready",
-        ".venv/.tools",
-        "studies/a b.yaml",
-        "studies/c_table1.yaml",
-    ):
+    names = ("pyproject.toml", "constraints.txt", ".venv/.ready", ".venv/.tools")
+    for name in (*names, "studies/a b.yaml", "studies/c_table1.yaml"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     command = tmp_path / ".venv/bin/heliosweep"

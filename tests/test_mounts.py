@@ -10,7 +10,6 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import heliosweep
-from heliosweep.families.misalignment import study as blocks
 from tests.kernels.mounts.normals import normal_and_centre
 
 mounts = import_module("heliosweep.mounts")
@@ -209,13 +208,6 @@ def test_results_have_the_labels_of_the_arguments():
     assert night.spot_status.flag_meanings.split()[int(night.spot_status)] == "sun_below_the_horizon"
     curve = heliosweep.deviation_curve(180.0, 40.0, PIVOTS[0], 100.0, 1.0, width=5.0, height_extent=5.0)
     assert curve.spot_y.dims == curve.tracking_tolerance.dims == ()
-
-
-def test_names_are_those_of_studies():
-    assert tuple(blocks.MOUNTS) == mounts.KINDS
-    assert tuple(blocks.SOURCES) == mounts.SOURCES
-    assert tuple(blocks.AXES) == mounts.AXES
-    assert tuple(blocks.LOSSES) == mounts.LOSSES
 
 
 APERTURE: Any = {"width": 5.0, "height_extent": 5.0}

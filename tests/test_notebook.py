@@ -1,7 +1,5 @@
 """Interactive use: studies without YAML, lazy results with good reprs, plots and tables."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -27,13 +25,6 @@ def result() -> xr.Dataset:
     )
 
 
-def test_sweeps():
-    assert heliosweep.sweep(0, 60, step=15) == {"start": 0, "stop": 60, "step": 15}
-    assert heliosweep.sweep("0 deg", "1 rad", num=4) == {"start": "0 deg", "stop": "1 rad", "num": 4}
-    assert heliosweep.logspace(1, 100, 3) == heliosweep.logspace(1, 100, num=3)
-    assert heliosweep.logspace(1, 100, num=3) == {"logspace": {"start": 1, "stop": 100, "num": 3}}
-
-
 def test_a_study_in_python_is_that_of_the_file(tmp_path):
     made = heliosweep.study("field_efficiency", **blocks(site={"latitude": heliosweep.sweep(0, 60, step=15)}))
     assert made == heliosweep.load({**SMALL, "site": {"latitude": {"start": 0, "stop": 60, "step": 15}}})
@@ -57,11 +48,6 @@ def test_files_are_named_as_seen_from_the_study_file(tmp_path, monkeypatch):
     saved = heliosweep.save(made, "studies/one.yaml")
     assert "file: ../field.csv" in saved.read_text()
     assert heliosweep.load(saved).study_id == made.study_id
-
-
-def test_unknown_family():
-    with pytest.raises(StudyError, match="family: unknown family; did you mean 'field_efficiency'"):
-        heliosweep.study("field_eficiency", **blocks())
 
 
 def test_build_is_lazy_and_shows_itself(result):
@@ -135,27 +121,6 @@ def test_figures_and_maps(result, tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("part", "first"),
-    [
-        (lambda whole: whole[["optical_efficiency"]], "field_maps"),
-        (lambda whole: whole.isel(heliostat=0), "efficiency_over_latitude"),
-        (lambda whole: whole.drop_vars("x"), "efficiency_over_latitude"),
-        (lambda whole: whole.sel(latitude=20), "field_maps"),
-    ],
-)
-def test_figures_of_a_part(result, part, first):
-    """A part of a result has the figures of its variables."""
-    assert part(result).heliosweep.figures()[0].name == first
-    with pytest.raises(StudyError, match="the result has no variables"):
-        result[[]].heliosweep.tables()
-
-
-def test_tables_of_a_part_name_what_is_missing(result):
-    with pytest.raises(StudyError, match=r"the tables of .* need the whole result .*field_optical"):
-        result[["optical_efficiency"]].heliosweep.tables()
-
-
 def test_what_a_plot_needs(result):
     plot = result.heliosweep.plot
     with pytest.raises(StudyError, match=r"choose one value of tracking"):
@@ -180,23 +145,6 @@ def test_what_a_plot_needs(result):
         plot.map(latitude=21)
     with pytest.raises(StudyError, match="time: is not a dimension of field_optical_efficiency"):
         plot.curve("field_optical_efficiency", "time", latitude=20)
-
-
-def test_tables_and_frames(result):
-    (frame,) = result.heliosweep.tables().values()
-    assert list(frame.columns)[:2] == ["latitude", "sun-tracking method"]
-    assert len(frame) == 6
-    assert len(result.heliosweep.to_frame("optical_efficiency")) == 6 * 48
-
-
-def test_comparison(result, tmp_path):
-    value = 100 * float(result["field_optical_efficiency"].sel(latitude=20, tracking="azimuth_elevation"))
-    table = tmp_path / "published.csv"
-    rows = [f"field_optical_efficiency,20,azimuth_elevation,{value + off:.2f},percent,0.05" for off in (0, 1)]
-    table.write_text("\n".join(["quantity,latitude,tracking,published,unit,tolerance", *rows]))
-    compared = result.heliosweep.compare(table)
-    assert compared["agrees"].tolist() == [True, False]
-    assert compared["difference"].tolist()[1] == pytest.approx(-1, abs=0.01)
 
 
 def test_a_layout_from_a_table_and_a_result_that_says_what_it_holds(tmp_path, monkeypatch):

@@ -1,7 +1,5 @@
 """Public functions on the sun and on fields without optics, against pvlib, closed forms and traced rays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pvlib

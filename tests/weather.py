@@ -1,7 +1,5 @@
 """Weather files of a year, made for tests."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import date, timedelta
 from pathlib import Path

@@ -3,8 +3,6 @@
 usage: python tests/wheel.py dist/heliosweep-VERSION-py3-none-any.whl
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

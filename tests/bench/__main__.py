@@ -3,8 +3,6 @@
 With `--page=docs/scaling.md` the lines become the table of that page, with machine and date; README.md has some.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from pathlib import Path
@@ -12,9 +10,9 @@ from pathlib import Path
 from tests.bench.table import README_LINES, Line, print_lines, write_page
 from tests.conftest import ROOT
 
-KERNELS = ("field", "rays", "chain", "compile")
-#: Whole commands, and rays on a graphics processor.
-COMMANDS = ("study", "studies", "engines", "memory", "electricity", "device")
+KERNELS = ("field", "rays", "compile")
+#: Whole commands.
+COMMANDS = ("study",)
 
 
 def main(arguments: list[str]) -> None:

@@ -1,7 +1,5 @@
 """Processor time to compile the kernels of each family, with an empty cache: `python -m tests.bench compile`."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -4,8 +4,6 @@ Annual sums and time series, compared with PySAM if it is installed; then the co
 instants are days 1 to 365, solar hours 8 to 16.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 

@@ -4,8 +4,6 @@ Each runs in a process of its own, from the start of the interpreter to its end,
 compute and found its result, or the other way round, fails the benchmark.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

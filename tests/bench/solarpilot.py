@@ -1,7 +1,5 @@
 """SolarPILOT's engine through PySAM, for comparison: one total field efficiency at each of a set of sun positions."""
 
-from __future__ import annotations
-
 import datetime as dt
 import tempfile
 import time

@@ -4,8 +4,6 @@ Nothing is asserted: times depend on the machine and on its other work. Times of
 each the best of a few runs.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import re

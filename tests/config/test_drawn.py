@@ -1,7 +1,5 @@
 """Distributions in study files, and the draws that follow from them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -36,13 +34,6 @@ def test_quantiles_are_those_of_scipy(drawn: Drawn) -> None:
     assert drawn.quantile(probability).max() <= largest * (1 + 1e-12)
 
 
-@pytest.mark.parametrize("drawn", [one for one in SCIPY if one.kind in ("normal", "lognormal")], ids=Drawn.words)
-def test_the_mass_outside_of_bounds_is_that_of_scipy(drawn: Drawn) -> None:
-    for low, high in ((-np.inf, 3.0), (1.6, np.inf), (1.2, 3.5)):
-        expected = SCIPY[drawn].cdf(low) + SCIPY[drawn].sf(high)
-        assert drawn.outside(low, high) == pytest.approx(expected, abs=1e-12)
-
-
 def test_discrete_values_come_as_often_as_their_weights_say() -> None:
     drawn = Drawn("discrete", (3.0, 1.0, 2.0), (0.5, 0.2, 0.3))
     values = drawn.quantile((np.arange(1000) + 0.5) / 1000)
@@ -63,15 +54,9 @@ def test_sobol_sequences_are_even_and_independent() -> None:
 @pytest.mark.parametrize("kind", ["sobol", "latin_hypercube", "random"])
 def test_correlated_normals(kind: str) -> None:
     content = _study({"normal": [11, 0.02]}, {"normal": [12, 0.1]}, {"uniform": [90, 100]}) | {
-        "sample": {
-            "size": 4096,
-            "design": kind,
-            "correlation": [
-                ["heliostat.width", "heliostat.height", 0.8],
-                ["heliostat.height", "receiver.height", -0.4],
-            ],
-        }
-    }
+        "sample": {"size": 4096, "design": kind, "correlation": [
+            ["heliostat.width", "heliostat.height", 0.8], ["heliostat.height", "receiver.height", -0.4]]},
+    }  # fmt: skip
     drawn = drawn_keys(load_mapping(content, REGISTRY))
     assert list(drawn) == ["heliostat.width", "heliostat.height", "receiver.height"]
     width, height, receiver = (each.values() for each in drawn.values())
@@ -79,12 +64,6 @@ def test_correlated_normals(kind: str) -> None:
     np.testing.assert_allclose(found, [[1, 0.8, 0], [0.8, 1, -0.4], [0, -0.4, 1]], atol=0.05)
     assert abs(height.mean() - 12) < 0.01
     assert abs(height.std() - 0.1) < 0.005
-
-
-def test_steps_of_a_local_sensitivity() -> None:
-    steps = Design("sobol", 0, 0, (0, 1, 0), "local").points()
-    np.testing.assert_array_equal(steps != 0.5, [[0, 0, 0], [1, 0, 1], [1, 0, 1], [0, 1, 0], [0, 1, 0]])
-    assert steps[1, 0] == pytest.approx(stats.norm.cdf(-1))
 
 
 def _study(width: object, height: object, receiver: object) -> dict[str, object]:

@@ -1,7 +1,5 @@
 """Studies on top of others: ``include``, keys given anew, and where messages say that something is wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -52,15 +50,6 @@ def test_another_kind_of_layout_replaces_that_of_the_base(base):
     assert (study.layout.file, study.layout.radial_stagger, study.layout.exclude) == ("field.csv", None, None)
 
 
-def test_values_are_replaced_as_a_whole_and_null_takes_away(base):
-    over = {"latitude": {"start": 0, "stop": 40, "num": 3}}
-    study: Any = api.load(written(site=over, layout={"file": None, "radial_stagger": {"clearance": 16,
-                          "inner_radius": 60, "rings": 1}}))  # fmt: skip
-    assert study.layout.file is None
-    again: Any = api.load(written("again.yaml", site={"latitude": {"start": 0, "stop": 40, "step": 20}}))
-    assert again.site.latitude.values().tolist() == study.site.latitude.values().tolist()
-
-
 def test_mistakes_are_told_in_the_file_in_which_they_are(base):
     base.write_text(base.read_text().replace("pivot_height", "pivot_hight"))
     with pytest.raises(StudyError) as caught:
@@ -103,13 +92,3 @@ def test_keys_are_given_anew_and_checked(base):
 def test_settings_that_are_none_are_refused_by_name(text):
     with pytest.raises(StudyError, match=r"^--set: "):
         settings([text])
-
-
-def test_entries_of_lists_are_named(base):
-    sites = [{"name": "a", "latitude": 1}, {"name": "b", "latitude": 2}]
-    both = api.load(base, {"site": None, "sites": sites})
-    other: Any = both.with_({"sites[1].latitude": 30})
-    assert [site.latitude for site in other.sites] == [1, 30]
-    for key in ("sites[2].latitude", "sites.latitude"):
-        with pytest.raises(StudyError, match="is a list of 2: give an entry"):
-            both.with_({key: 3})

@@ -1,7 +1,5 @@
 """Studies built in Python: what NumPy, pandas and xarray hold reads as it would stand in a file."""
 
-from __future__ import annotations
-
 import copy
 import datetime as dt
 from collections.abc import Callable
@@ -14,8 +12,7 @@ import pytest
 import xarray as xr
 import yaml
 
-from heliosweep.config.load import load, load_mapping
-from heliosweep.errors import StudyError
+from heliosweep.config.load import load_mapping
 
 from .conftest import LINES, REGISTRY
 
@@ -56,16 +53,12 @@ def test_values(key: str, plain: Any, values: list[Any]) -> None:
 @pytest.mark.parametrize(
     "dates",
     [
-        dt.date(2021, 6, 21),
-        dt.datetime(2021, 6, 21),
-        pd.Timestamp("2021-06-21"),
-        np.datetime64("2021-06-21"),
-        np.datetime64("2021-06-21", "ns"),
-        pd.date_range("2021-06-21", periods=1),
+        dt.date(2021, 6, 21), dt.datetime(2021, 6, 21), pd.Timestamp("2021-06-21"), np.datetime64("2021-06-21"),
+        np.datetime64("2021-06-21", "ns"), pd.date_range("2021-06-21", periods=1),
         {"start": pd.Timestamp("2021-06-21"), "stop": dt.date(2021, 6, 21)},
     ],
     ids=str,
-)
+)  # fmt: skip
 def test_dates(dates: Any) -> None:
     data = copy.deepcopy(STUDY)
     data["site"] = {"latitude": 30, "longitude": 0}
@@ -74,22 +67,9 @@ def test_dates(dates: Any) -> None:
     assert load_mapping(data, REGISTRY).time.date_list() == [dt.date(2021, 6, 21)]  # type: ignore[union-attr]
 
 
-def test_a_date_has_no_time_of_day() -> None:
-    with pytest.raises(StudyError, match=r"must be a date without a time of day \(got 2021-06-21 12:00:00\)"):
-        made("time", {"clock": "civil", "dates": pd.Timestamp("2021-06-21 12:00"), "window": {}})
-
-
 @pytest.mark.parametrize("name", [Path, str, np.str_])
 def test_paths(name: Callable[[Path], Any], tmp_path: Path) -> None:
     table = tmp_path / "a.csv"
     table.write_text("x,y\n0,50\n")
     assert made("layout", {"file": name(table)}).layout.file == str(table)
     assert made("layout", {"file": [name(table)]}).layout.file.values() == (str(table),)
-
-
-@pytest.mark.parametrize("value", [None, 3, [("family", "field_efficiency")]])
-def test_what_is_no_study(value: Any) -> None:
-    with pytest.raises(TypeError, match="a study is a mapping of keys to values, not "):
-        load_mapping(value, REGISTRY)
-    with pytest.raises(TypeError, match="a study is the path of a study file or a mapping, not "):
-        load(value, REGISTRY)

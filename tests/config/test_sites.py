@@ -1,7 +1,5 @@
 """Tables of sites."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -19,11 +17,6 @@ def test_table(load_study) -> None:
         ("Dunhuang", 40.13, 94.67),
         ("Timaru", -44.4, None),
     ]
-
-
-def test_list_and_single_site(load_study) -> None:
-    assert site_table(load_study()) == ()
-    assert site_table(load_study(site="sites: [{name: a, latitude: 3}]"))[0].name == "a"
 
 
 @pytest.mark.parametrize(

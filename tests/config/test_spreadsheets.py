@@ -1,7 +1,5 @@
 """Dates and numbers of spreadsheets: read where one thing is meant, refused where it could be two."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heliosweep.config.tables import iso_dates, plain_unit, with_points
+from heliosweep.config.tables import iso_dates, with_points
 from heliosweep.config.weather_files import read_weather
 from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.spots_file import read_spots
@@ -44,12 +42,6 @@ def test_dates_become_iso(form, text, iso):
 def test_the_order_of_a_column_is_that_of_its_unambiguous_dates():
     assert iso_dates(["1/2/2024", "13/2/2024"]) == ["2024-02-01T00:00:00", "2024-02-13T00:00:00"]
     assert iso_dates(["1/2/2024", "2/13/2024"]) == ["2024-01-02T00:00:00", "2024-02-13T00:00:00"]
-
-
-def test_units_in_the_notation_of_study_files():
-    for text in ("W/m^2", "W/m\u00b2", "W m-2", "W.m-2", "W m^-2", "W/m2"):
-        assert plain_unit(text) == "W/m2"
-    assert plain_unit("Wh/m^2") == "Wh/m2"
 
 
 @given(st.lists(st.floats(-1e6, 1e6, allow_nan=False).filter(lambda value: value % 1), min_size=1))

@@ -1,7 +1,5 @@
 """The unit table against astropy."""
 
-from __future__ import annotations
-
 import pytest
 
 from heliosweep.config.faults import Invalid
@@ -32,12 +30,6 @@ def test_decimals_stay_clean() -> None:
 def test_what_is_no_quantity(text: str) -> None:
     with pytest.raises(Invalid):
         parse(text, "m")
-
-
-def test_extreme_numbers() -> None:
-    assert parse("1e999999999 m", "mm") == float("inf")
-    assert parse("1e-999999999 m", "mm") == 0.0
-    assert parse("1e308 km", "mm") == float("inf")
 
 
 @pytest.mark.parametrize("text", ["0.8 GW/m2", "3 kw/m²", "1 mW/m2"])

@@ -6,8 +6,6 @@ heliosweep. Data: three years of a clear sky made for these tests (``made_dni.cs
 the tests of pvlib (BSD-3), ``test_psm4_full_disc_2023.csv`` and ``tmy_45.000_8.000_2005_2023.csv``.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 from collections.abc import Callable
@@ -22,7 +20,6 @@ import pvlib
 import pytest
 
 from heliosweep import StudyError
-from heliosweep.api import load
 from heliosweep.config.weather_files import WeatherFile, read_weather
 from heliosweep.files import write_whole
 from tests.weather import epw, psm, tmy3
@@ -293,23 +290,6 @@ def test_energies_of_intervals(unit, factor, parts):
     assert file.dni[::parts] == pytest.approx(np.array(dni_of("almeria")[:744], float), rel=1e-12, abs=1e-12)
 
 
-def row_of(form: str, time: datetime, dni: str) -> str:
-    return f"{time:{form}};{dni.replace('.', ',')}"
-
-
-def test_other_clocks():
-    for head, form in (("time", "%Y%m%dT%H%M%S"), ("Fecha;Hora", "%d/%m/%Y;%-H"), ("Month;Day;Hour", "%m;%d;%H")):
-        text = table(f"{head};DNI", partial(row_of, form), 744)
-        file = read_of(text, label="start", timezone="+01:00")
-        if head == "Month;Day;Hour":
-            assert file.notes == ("has no year: read as 2021",)
-            assert file.utc[0] == np.datetime64("2020-12-31T23:30")
-        else:
-            assert is_january(file)
-    text = table("Date,Hour,DNI", lambda time, dni: f"{time:%Y-%m-%d},{time.hour}:00,{dni}", 744)
-    assert is_january(read_of(text, label="start", timezone="+01:00"))
-
-
 def test_missing_values_are_one_message_with_their_number():
     bad = table("time,dni", measured, 1000).replace(",-0.4", ",-999")
     with pytest.raises(StudyError) as caught:
@@ -347,38 +327,3 @@ def test_both_clock_changes():
 def test_refused(text, said):
     with pytest.raises(StudyError, match=said):
         read_of(text, label="middle", timezone="+00:00")
-
-
-def test_further_problems_are_counted_last_and_files_are_not_mixed():
-    """Layout and sites are wrong: each file's problems follow each other, and the number of the rest is the end."""
-    Path("field.csv").write_text("x,y\n" + "0,a\n" * 30)
-    Path("sites.csv").write_text("name,latitude,longitude\n" + "".join(f"s{row},x,0\n" for row in range(25)))
-    Path("study.yaml").write_text(
-        "family: field_efficiency\nsites: {file: sites.csv}\ntracking: azimuth_elevation\nlayout: {file: field.csv}\n"
-        "time: {clock: civil, timezone: UTC, dates: 2021-06-21, window: {start: '08:00', stop: '16:00', step: 1}}\n"
-        "heliostat: {width: 5, height: 5, pivot_height: 3}\nreceiver: {height: 50}\n"
-    )
-    with pytest.raises(StudyError) as caught:
-        load("study.yaml")
-    messages = str(caught.value).replace(f"{Path().absolute()}/", "").splitlines()
-    assert caught.value.count == 55
-    assert [message.rpartition(": ")[2] for message in messages[-2:]] == ["and 10 more problems", "and 5 more problems"]
-    files = [message.partition(":")[0] for message in messages[:-2]]
-    assert files == sorted(files)
-
-
-def test_hourly_files_of_pvgis_with_two_axes():
-    """The beam on a plane that follows the sun is the DNI, and rows are at their time."""
-    rows = [
-        {"time": f"{time:%Y%m%d:%H}30", "Gb(i)": float(dni), "Gd(i)": 0.0, "Int": 0.0}
-        for time, dni in zip(HOURS, dni_of("almeria"), strict=True)
-    ]
-    location = {"latitude": 37.1, "longitude": -2.36, "elevation": 500}
-    inputs = {"location": location, "mounting_system": {"two_axis": {"slope": {"value": "-"}}}}
-    file = read_of(json.dumps({"inputs": inputs, "outputs": {"hourly": rows}}), timezone="+01:00")
-    assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
-    head = "Latitude (decimal degrees):\t37.1\nLongitude (decimal degrees):\t-2.36\nElevation (m):\t500\n"
-    head += "Radiation database:\tPVGIS-SARAH3\n\n\nSlope: - deg. \nAzimuth: - deg. \ntime,Gb(i),Gd(i),Int"
-    text = table(head, lambda time, dni: f"{time:%Y%m%d:%H}30,{dni},0,0.0") + "\nGb(i): beam (W/m2)\n\nPVGIS (c)\n"
-    file = read_of(text, timezone="+01:00")
-    assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)

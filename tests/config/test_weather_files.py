@@ -1,7 +1,5 @@
 """Rows of weather files, as pvlib reads them too, and what is said of wrong ones."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -67,14 +65,6 @@ def test_leap_years():
     # A leap year without its day, as typical years have it: 28 February is followed by 1 March.
     file = read_weather(written("b.epw", weather.epw(MEANS, (2020,) * 12)))
     assert np.unique(np.diff(file.utc)[: 24 * 90]).tolist() == [3600 * 10**9, 25 * 3600 * 10**9]
-
-
-def test_other_letters_and_missing_wind():
-    text = weather.epw(MEANS, wind=999.0).replace("Town", "Zürich").replace("\n", "\r\n")
-    Path("a.epw").write_bytes(text.encode("latin-1"))
-    file = read_weather(Path("a.epw"))
-    np.testing.assert_array_equal(file.dni, MEANS)
-    assert np.isnan(file.wind).all()
 
 
 LINES = weather.tmy3(MEANS).splitlines()

@@ -11,8 +11,6 @@ What stands in a comment before a block says how it is tested:
 A block of YAML that names a family is loaded and planned, whatever is said before it.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

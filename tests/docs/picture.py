@@ -3,8 +3,6 @@
 The picture of a report page needs chromium.
 """
 
-from __future__ import annotations
-
 import io
 import subprocess
 import tempfile

@@ -1,7 +1,5 @@
 """The page on the Python interface documents each public name once."""
 
-from __future__ import annotations
-
 import re
 from pkgutil import resolve_name
 

@@ -1,7 +1,5 @@
 """Every code block of the documentation and the README runs, and prints what the page says."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import logging
@@ -91,13 +89,6 @@ def test_blocks_of_a_page(page: Path) -> None:
 def test_no_more_blocks_than_these_are_not_run() -> None:
     found = {str(page.relative_to(ROOT)): sum(block.mark == "not run" for block in blocks(page)) for page in PAGES}
     assert {page: count for page, count in found.items() if count} == NOT_RUN
-
-
-def test_patterns_mean_folders_only() -> None:
-    """An archive, ``outputs/NAME.zip``, stands beside its result folder."""
-    pattern = re.compile(r"\boutputs/[^\s`]*\*(?![/\w])")
-    found = [f"{block}: {line}" for page in PAGES for block in blocks(page) for line in pattern.findall(block.text)]
-    assert found == []
 
 
 def _study(block: CodeBlock) -> None:

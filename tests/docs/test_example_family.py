@@ -1,7 +1,5 @@
 """The example of "Add a family" is built, installed, found by its entry point, and does what every family must."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

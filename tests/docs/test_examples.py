@@ -1,7 +1,5 @@
 """The examples in the docstrings of public functions run and print their values."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import shutil
@@ -36,14 +34,8 @@ optics: {sun_shape: {kind: limb_darkened}, slope_error: 1.5, rays: 64}
 output: {flux_map: {rows: 4, columns: 8}}
 """
 #: Functions whose examples need files of others or a network.
-WITHOUT = {
-    "download_weather",
-    "read_paint",
-    "read_paint_spots",
-    "write_corrections",
-    "write_paint_spots",
-    "write_paint_study",
-}
+WITHOUT = {"download_weather", "read_paint", "read_paint_spots", "write_corrections", "write_paint_spots"}
+WITHOUT |= {"write_paint_study"}
 #: Packages that examples need and that may be missing.
 NEEDS = {"plant_electricity": "PySAM", "tower_electricity": "PySAM"}
 

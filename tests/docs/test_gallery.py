@@ -1,7 +1,5 @@
 """Every script of the gallery runs and draws figures with labelled axes."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The nomenclature names keys and variables that exist."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

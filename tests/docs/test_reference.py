@@ -1,7 +1,5 @@
 """The tables of keys on the pages of the reference are those of the schema."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Markers of hard English in code and documentation stay within a budget, which only falls."""
 
-from __future__ import annotations
-
 import ast
 import io
 import re
@@ -72,7 +70,3 @@ def test_markers_are_within_their_budget(name, texts):
     found = rate(texts())
     assert found <= BUDGET[name], "rewrite the sentences that carry a marker"
     assert found > BUDGET[name] - SLACK, "lower the budget"
-
-
-def test_a_marker_is_counted():
-    assert rate(["What is swept stands beside it. Swept keys have one value each."]) == 2000

@@ -1,7 +1,5 @@
 """Killed runs, full disks and other users: nothing is lost, and the bytes are those of an undisturbed run."""
 
-from __future__ import annotations
-
 import os
 import random
 import re
@@ -140,13 +138,6 @@ def test_a_full_disk_is_one_line_and_the_run_resumes(small_disk, tmp_path, monke
     assert len(messages) >= 2
     assert all(re.fullmatch(r".*: cannot be written: .* \(.* free\)", message) for message in messages)
     assert api.run(study, small_disk / "out", report=False).path.read_bytes() == expected
-
-
-def test_a_study_that_does_not_fit_is_refused_before_anything_is_written(tmp_path):
-    study = api.load({**STUDY, "output": {"time_series": True}, "execution": {"memory": "10 MB"}})
-    with pytest.raises(HeliosweepError, match=r"refused: .* of memory"):
-        api.run(study, tmp_path / "new" / "out", report=False)
-    assert not (tmp_path / "new").exists()
 
 
 #: A second user, with the certificates of a cluster of their own, or none.

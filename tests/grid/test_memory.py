@@ -1,4 +1,4 @@
-"""Peak memory of whole runs, each in a process of its own, beside what the plan says; more in `tests.bench`."""
+"""Peak memory of whole runs, each in a process of its own, beside what the plan says."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from heliosweep import api
 from heliosweep.errors import PlanError
 from heliosweep.families.lookup import family_of
 from heliosweep.grid.plan import BASE_MEMORY, REPORT_MEMORY
-from tests.bench.bench_memory import FACTOR, peak_memory, shipped
+from tests.bench.memory import FACTOR, peak_memory, shipped
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is read from /proc")
 

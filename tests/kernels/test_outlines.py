@@ -1,13 +1,11 @@
 """Outlines of shadows and blocked parts against shapely and against the areas that the field kernel measures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely
 from shapely.geometry import Polygon
 
-from heliosweep.kernels.field.efficiency import OUTLINE_CORNERS, aimed, field_series, mirror_outlines, sorted_field
+from heliosweep.kernels.field.efficiency import aimed, mirror_outlines
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
 from tests.kernels.field.fields import Field, chong2012, directions, scattered
 from tests.kernels.field.oracles import SQUARE, frame, image
@@ -65,24 +63,3 @@ def test_each_outline_is_shapely_s_image_within_the_mirror(tracking, close):
                     cut += len(one.exterior.coords) - 1 > 4
                 assert (np.diff(found.area[i, e, : len(drawn)]) <= 0).all()
     assert cut > 0
-
-
-@METHODS
-def test_unions_of_outlines_are_what_the_efficiencies_leave(tracking):
-    field = chong2012()
-    sun = directions(130.0, 14.0)
-    found = mirror_outlines(*field, tracking, sun, 100, 317, MANY)
-    expected = field_series(sorted_field(*field), tracking, sun[np.newaxis], 100, 317)[1:3, 0].T
-    unions = [[shapely.union_all(polygons(found, i, e)).area for e in range(2)] for i in range(217)]
-    np.testing.assert_allclose(1 - np.array(unions) / 121.0, expected, atol=1e-12)
-    assert (expected < 0.9).any(axis=0).all()
-
-
-def test_the_largest_are_kept_and_all_are_counted():
-    field, sun = chong2012(), directions(110.0, 6.0)
-    every, few = (mirror_outlines(*field, AZIMUTH_ELEVATION, sun, 0, 317, most) for most in (MANY, 2))
-    assert every.total.max() > 3
-    np.testing.assert_array_equal(few.total, every.total)
-    np.testing.assert_array_equal(few.area, every.area[..., :2])
-    np.testing.assert_array_equal(few.corners, every.corners[:, :, :2])
-    assert every.corners.shape == (317, 2, MANY, OUTLINE_CORNERS, 2)

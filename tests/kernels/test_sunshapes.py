@@ -1,7 +1,5 @@
 """Sun shapes against integrals of their brightness."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

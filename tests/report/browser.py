@@ -1,7 +1,5 @@
 """A headless browser, driven by the DevTools protocol over a websocket: as much of it as the tests of pages need."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import json
@@ -19,20 +17,10 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
 BINARY = next(filter(None, map(shutil.which, NAMES)), None)
 
 _FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-extensions",
-    "--hide-scrollbars",
-    "--remote-debugging-port=0",
-    "--remote-allow-origins=*",
-    "--force-color-profile=srgb",
-]
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-extensions",
+    "--hide-scrollbars", "--remote-debugging-port=0", "--remote-allow-origins=*", "--force-color-profile=srgb",
+]  # fmt: skip
 
 #: How long a browser may take to start, and a page to do what is waited for. [s]
 PATIENCE = 60.0
@@ -49,7 +37,7 @@ class Browser:
         Addresses that were asked for since the last `open`.
     """
 
-    def __enter__(self) -> Browser:
+    def __enter__(self) -> "Browser":
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         self._process = subprocess.Popen(
             [str(BINARY), *_FLAGS, f"--user-data-dir={self._folder.name}", "about:blank"],
@@ -117,23 +105,14 @@ class Browser:
 
     def open(self, path: Path, width: int = 1200, height: int = 900, scheme: str = "light") -> None:
         """Show a file and wait until it is loaded."""
-        self.resize(width, height)
-        self.scheme(scheme)
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        self.call("Emulation.setEmulatedMedia", features=features)
         self.errors.clear()
         self.fetched.clear()
         self.call("Page.navigate", url=path.absolute().as_uri())
         self.wait("document.readyState === 'complete' && location.href !== 'about:blank'")
-
-    def resize(self, width: int, height: int = 900) -> None:
-        """Give the window another size."""
-        self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
-        )
-
-    def scheme(self, name: str) -> None:
-        """Prefer light or dark colours."""
-        features = [{"name": "prefers-color-scheme", "value": name}]
-        self.call("Emulation.setEmulatedMedia", features=features)
 
     def run(self, script: str) -> Any:
         """Value of an expression in the page; a promise is waited for."""

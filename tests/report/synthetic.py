@@ -1,7 +1,5 @@
 """Small results of the family `field_efficiency` without computing anything."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """The page in a headless browser: no errors, nothing fetched, selects change the plots, and it fits and prints."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -98,23 +96,6 @@ def test_a_select_changes_the_map(browser, pages):
     browser.run(choose)
     browser.run("new Promise((done) => setTimeout(done, 300))")
     assert browser.run(DRAWN) == pytest.approx(100 * data.isel(latitude=2, tracking=0).to_numpy(), rel=1e-6)
-
-
-def test_a_folded_plot_is_drawn_when_it_is_opened(browser, pages):
-    opened(browser, pages["field"], width=400)
-    assert browser.run("[...document.querySelectorAll('.view')].map((one) => one.open)")[:2] == [True, False]
-    browser.run("document.querySelectorAll('.view summary')[1].click()")
-    width = "document.querySelectorAll('.view')[1].querySelector('.bk-Column').getBoundingClientRect().width"
-    browser.wait(f"{width} > 300")
-    assert browser.errors == []
-
-
-def test_a_figure_is_enlarged_by_a_press(browser, pages):
-    opened(browser, pages["field"], width=1400)
-    size = "document.querySelector('#figures img').getBoundingClientRect().height"
-    before = browser.run(size)
-    browser.run("document.querySelector('#figures summary').click()")
-    assert browser.run(size) > 1.5 * before
 
 
 def test_a_printed_page_has_all_figures_and_no_controls(browser, pages):

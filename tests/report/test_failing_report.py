@@ -1,7 +1,5 @@
 """A run whose report fails: the result is there, and the user is told what to do."""
 
-from __future__ import annotations
-
 import pytest
 
 from heliosweep.cli import main

@@ -1,14 +1,11 @@
 """The list of all studies: what is told of each, that broken folders do not stop it, and that words stay words."""
 
-from __future__ import annotations
-
 import json
 
 from heliosweep.families.lookup import family_of_result
 from heliosweep.grid.regions import Cut
 from heliosweep.report.page import digest
 from heliosweep.report.several import studies_in, update_index, write_index
-from heliosweep.report.tables import headlines
 from heliosweep.store.folder import ChunkStore
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page, published, study, write_report
@@ -58,27 +55,3 @@ def test_broken_and_unfinished_folders_are_told(tmp_path):
     assert found["unfinished"]["state"] != "complete"
     text = Page(write_index(tmp_path / "outputs").read_text(encoding="utf-8")).text
     assert "damaged" in text
-
-
-def test_explained_disagreements_are_amber_and_others_red(tmp_path):
-    for name, reason, kind in (("explained", "other mirrors", "explained"), ("open", "", "differs")):
-        folder = filled(tmp_path / "outputs" / name)
-        asked = published(folder, 0)
-        table = folder / "table.csv"
-        rows = table.read_text(encoding="utf-8").splitlines()
-        table.write_text(f"{rows[0]},reason\n{rows[1]},{reason}\n", encoding="utf-8")
-        write_report(folder, study(folder, asked))
-        index = Page(write_index(folder.parent).read_text(encoding="utf-8"))
-        assert {"class": f"verdict {kind}"} in index.all("p")
-
-
-def test_headlines():
-    data = result({"latitude": [0.0, 15.0]})
-    (best,) = headlines(data, ("unknown", "field_optical_efficiency"))
-    values = 100 * data["field_optical_efficiency"].to_numpy()
-    assert (best.value, best.unit) == (f"{values.max():.2f}", "%")
-    place = "0\N{DEGREE SIGN}" if values[0] > values[1] else "15\N{DEGREE SIGN} N"
-    assert best.note == f"maximum of 2 points, at latitude {place}; minimum {values.min():.2f}\N{NO-BREAK SPACE}%"
-    assert len(headlines(data, ())) == 1
-    assert headlines(data.drop_vars(list(data.data_vars)), ()) == []
-    assert headlines(data[["field_optical_efficiency"]] * float("nan"), ())[0].value == "no value"

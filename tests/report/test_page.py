@@ -1,34 +1,21 @@
 """The page of a result: complete, harmless, self-contained, and the same every time."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import platform
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
-import xarray as xr
 
 from heliosweep.cli import main
-from heliosweep.errors import StudyError
 from heliosweep.families.lookup import family_of_result
 from heliosweep.report import page
-from heliosweep.report.page import linked
-from heliosweep.report.tables import Column, Table, default_tables
 from heliosweep.store.read import open_result, result_digest
 from tests.report.synthetic import BOTH, result
 
-PLAIN = SimpleNamespace(
-    name="plain",
-    study_class=lambda: None,
-    figures=lambda _: (),
-    tables=lambda _: (),
-    headlines=("field_optical_efficiency",),
-    answers=lambda _: (),
-)
+_NONE = {"study_class": lambda: None, **dict.fromkeys(("figures", "tables", "answers"), lambda _: ())}
+PLAIN = SimpleNamespace(name="plain", headlines=("field_optical_efficiency",), **_NONE)
 
 
 def write_report(folder, study=None, family_of=lambda _: PLAIN, **how):
@@ -149,9 +136,7 @@ def test_page_is_complete_and_well_formed(whole):
     assert links.count("https://doi.org/10.1155/2012/908364") == 1
     # The contents lead to every section, and to the files beside the page.
     sections = [section["id"] for section in page.all("section")]
-    assert [link[1:] for link in links if link.startswith("#")] == [
-        *sections,
-    ]
+    assert [link[1:] for link in links if link.startswith("#")] == [*sections]
     beside = [link for link in links if not link.startswith(("#", "https:"))]
     assert beside == ["result.nc", "study.resolved.yaml", "figures/"]
     assert all((folder / link).exists() for link in beside)
@@ -183,25 +168,6 @@ def test_verdicts_are_said_in_words_and_kept_for_later(folder, tolerance, verdic
     assert write_report(folder).read_text(encoding="utf-8") == first
 
 
-def test_a_run_says_where_its_verdict_is_not_the_stated_one(folder, caplog):
-    asked = study(folder, published(folder, 100))
-    table = folder / "table.csv"
-    rows = table.read_text(encoding="utf-8").splitlines()
-    table.write_text("\n".join([f"{rows[0]},verdict", f"{rows[1]},does not agree"]), encoding="utf-8")
-    first = write_report(folder, asked).read_text(encoding="utf-8")
-    said = "the table states 'does not agree', but it agrees"
-    assert said in caplog.text
-    assert said in Page(first).text
-    assert write_report(folder).read_text(encoding="utf-8") == first
-
-
-def test_a_comparison_that_is_no_longer_asked_for_goes_away(folder):
-    write_report(folder, study(folder, published(folder, 1)))
-    page = Page(write_report(folder, study(folder)).read_text(encoding="utf-8"))
-    assert "Computed and published" not in page.text
-    assert not (folder / "comparison.csv").exists()
-
-
 def test_page_is_the_same_every_time(whole):
     first, folder = whole.read_bytes(), whole.parent
     assert write_report(folder, study(folder, published(folder, 100)), family_of_result).read_bytes() == first
@@ -231,15 +197,6 @@ def test_figures_of_an_earlier_run_go_away_and_others_come_in_the_formats_of_the
     }
 
 
-def test_a_bare_result_is_enough(tmp_path):
-    data = result()
-    data.attrs.clear()
-    data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
-    page = Page(write_report(tmp_path, family_of=lambda _: None).read_text(encoding="utf-8"))
-    assert "Results" in page.text
-    assert len(page.all("img")) > 0
-
-
 def test_long_sweeps_are_cut_with_a_note_and_sorted(tmp_path):
     data = result({"receiver_height": [*range(80, 280)]}, heliostats=1)
     data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
@@ -251,28 +208,6 @@ def test_long_sweeps_are_cut_with_a_note_and_sorted(tmp_path):
     assert "best first" in page.text
 
 
-def test_a_summary_has_numbers_picture_and_table_and_no_script(folder):
-    text = write_report(folder, family_of=family_of_result, summary=True).read_text(encoding="utf-8")
-    page = Page(text)
-    assert page.scripts == []
-    assert len(page.all("img")) == 1
-    assert len(page.all("table")) == 1
-    assert not (folder / "figures").exists()
-
-
-def test_a_folder_without_result(tmp_path):
-    with pytest.raises(StudyError, match="holds no result"):
-        write_report(tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_links_of_references():
-    assert linked("see doi:10.1/a<b> and no more") == "see doi:10.1/a&lt;b&gt; and no more"
-    assert linked("(doi 10.1155/2012/908364).") == (
-        '(<a href="https://doi.org/10.1155/2012/908364">doi 10.1155/2012/908364</a>).'
-    )
-
-
 def test_remarks_of_the_run_stand_before_the_results(folder):
     assert "Please note" not in Page(write_report(folder).read_text(encoding="utf-8")).text
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
@@ -281,32 +216,6 @@ def test_remarks_of_the_run_stand_before_the_results(folder):
     assert not any(EVIL in script for script in page.scripts)
     assert page.text.index("Please note") < page.text.index(f"2 of 3 {EVIL}") < page.text.rindex("Results")
     assert {"class": "remarks", "role": "note"} in page.all("aside")
-
-
-def test_flags_are_words_and_points_have_their_names():
-    flags = {"flag_values": np.array([0, 2], np.int8), "flag_meanings": "well_known hardly_known"}
-    data = xr.Dataset(
-        {"status": ("heliostat", np.array([2, 0, 7], np.int8), flags)},
-        {"heliostat": [0, 1, 2], "name": ("heliostat", np.array(["A1", "B2", "C3"], object))},
-    )
-    data["size"] = ("heliostat", [1.0, 2.0, 3.0], {"units": "m"})
-    (table,) = default_tables(data)
-    rows = list(zip(*(column.texts() for column in table.columns), strict=True))
-    assert rows == [("A1", "hardly known", "1"), ("B2", "well known", "2"), ("C3", "\N{EN DASH}", "3")]
-
-
-def test_tables_of_the_family_take_the_place_of_the_numbers_of_the_whole(tmp_path):
-    data = xr.Dataset({"part": ("latitude", [0.1, 0.2])}, {"latitude": [0.0, 1.0], "height": 3.0})
-    data.assign_attrs(study=json.dumps({"family": "new"})).to_netcdf(tmp_path / "result.nc", engine="netcdf4")
-    table = Table(
-        "Errors", [Column("mount", ["A"]), Column(f"error {EVIL}", [1.25], "m", errors=[0.25])], ["One note."]
-    )
-    family = SimpleNamespace(figures=lambda _: (), tables=lambda _: [table], headlines=(), answers=lambda _: ())
-    shown = Page(write_report(tmp_path, family_of=lambda _: family).read_text(encoding="utf-8"))
-    assert all(words in shown.text for words in (EVIL, "1.25 \N{PLUS-MINUS SIGN} 0.25", "One note."))
-    assert shown.scripts == []
-    assert len(shown.all("table")) == 1
-    assert "part" in Page(write_report(tmp_path).read_text(encoding="utf-8")).text
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """One page over several results: what went in, what came out, differences, curves on one axis."""
 
-from __future__ import annotations
-
 import copy
 import json
 from pathlib import Path
@@ -13,8 +11,6 @@ import yaml
 
 import heliosweep
 from heliosweep.cli import main
-from heliosweep.errors import StudyError
-from heliosweep.report.several import RESULT, together
 from tests.conftest import SMALL
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page
@@ -89,43 +85,3 @@ def test_the_command_writes_the_page_and_prints_its_path(pair, tmp_path, capsys)
     assert "--page: is required to compare more than two" in capsys.readouterr().err
     assert main(["compare", *places]) == 1
     assert "differ; largest difference 0.05" in capsys.readouterr().out
-
-
-def test_no_page_over_a_result_or_of_nothing(pair, tmp_path):
-    with pytest.raises(StudyError, match="belongs to a result"):
-        heliosweep.comparison_page(pair, pair[0] / "report.html", force=True)
-    with pytest.raises(StudyError, match=r"must end in \.html"):
-        heliosweep.comparison_page(pair, tmp_path / "page.txt")
-    with pytest.raises(StudyError, match="no such file or folder"):
-        heliosweep.comparison_page([pair[0], tmp_path / "none"], tmp_path / "page.html")
-
-
-def test_points_that_all_have_are_set_beside_each_other():
-    joined = together({"A": swept(), "B": swept(0.1, latitudes=[40.0, 0.1 + 0.2, 20.0 + 1e-12])})
-    assert joined["latitude"].to_numpy().tolist() == [20.0, 40.0]
-    expected = [swept().sel(latitude=20.0), swept(0.1, latitudes=[40.0, 0.3, 20.0]).sel(latitude=20.0)]
-    for place, one in enumerate(expected):
-        found = joined["field_cosine_efficiency"].sel(latitude=20.0).isel({RESULT: place})
-        assert found.to_numpy() == pytest.approx(one["field_cosine_efficiency"].to_numpy())
-
-
-def test_results_without_common_points_are_told_by_their_ranges(tmp_path):
-    places = [folder(tmp_path / "a", swept()), folder(tmp_path / "b", swept(latitudes=[1.0, 2.0]))]
-    assert together({"A": swept(), "B": swept(latitudes=[1.0, 2.0])}).sizes.get("latitude", 0) == 0
-    text = heliosweep.comparison_page(places, tmp_path / "page.html").read_text(encoding="utf-8")
-    shown = Page(text)
-    assert "no points in common" in shown.text
-    assert "Ranges of result A." in shown.text
-    assert "Ranges of result B." in shown.text
-    assert any(row and row[0].startswith("mean optical") for row in rows_of(shown, text))
-    assert shown.all("img") == []
-
-
-def test_other_layouts_have_no_differences_of_mirrors(tmp_path):
-    data = swept()
-    moved = data.assign_coords(x=data["x"] + 1).isel(heliostat=slice(0, 8))
-    places = [folder(tmp_path / "a", data), folder(tmp_path / "b", moved)]
-    shown = Page(heliosweep.comparison_page(places, tmp_path / "page.html").read_text(encoding="utf-8"))
-    assert "no difference maps" in shown.text
-    assert not any("Difference" in str(image["alt"]) for image in shown.all("img"))
-    assert together({"A": data, "B": moved})["optical_efficiency"].sizes["heliostat"] == 9

@@ -1,8 +1,5 @@
 """Runs: workers, failing parts, resuming, the code digest, progress and status, and keys of earlier versions."""
 
-from __future__ import annotations
-
-import io
 import logging
 import sys
 from typing import Any
@@ -15,7 +12,6 @@ from heliosweep import api, sources
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.families import points
-from heliosweep.runs import run
 from heliosweep.store import folder as chunks
 from heliosweep.store import writer
 from tests.conftest import STUDIES
@@ -159,27 +155,6 @@ def test_a_finished_result_is_found_and_a_forced_run_computes_it_again(small, tm
     path.write_bytes(path.read_bytes()[:-1])
     api.run(small(), tmp_path / "out", report=False)
     assert "is damaged and is computed again" in caplog.text
-
-
-@pytest.mark.parametrize("terminal", [True, False])
-def test_progress_is_one_line_on_a_terminal_and_lines_of_long_runs_elsewhere(monkeypatch, terminal):
-    class Stream(io.StringIO):
-        def isatty(self) -> bool:
-            return terminal
-
-    stream, silent = Stream(), Stream()
-    with run.show_progress("mirrors \x1b[31m", 4, stream=silent) as advance:
-        advance()
-    assert silent.getvalue() == ""  # within the first seconds
-    monkeypatch.setattr(run, "LINE_SECONDS", 0.0)
-    monkeypatch.setattr(run, "TERMINAL_SECONDS", 0.0)
-    with run.show_progress("mirrors \x1b[31m", 4, stream=stream) as advance:
-        for _ in range(4):
-            advance()
-    text = stream.getvalue()
-    assert "mirrors \\x1b[31m: 1 of 4 chunks, elapsed 0.0 s, left about " in text
-    assert text.count("\n") == (0 if terminal else 3)
-    assert text.endswith("\r\x1b[K" if terminal else "\n")
 
 
 def test_one_latitude_of_a_lazy_result_computes_one_latitude(monkeypatch):

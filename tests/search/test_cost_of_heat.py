@@ -1,7 +1,5 @@
 """The search for the least cost of heat against all points of a grid, and the derivative at its optimum."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,9 +1,6 @@
 """A search through the public face: the best point, killed and resumed, engines, what it leaves, what it refuses."""
 
-from __future__ import annotations
-
 import shutil
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +11,12 @@ import yaml
 import heliosweep
 from heliosweep import api
 from heliosweep.config.study import Study
-from heliosweep.errors import HeliosweepError, StudyError
+from heliosweep.errors import HeliosweepError
 from heliosweep.runs.search import SearchRun
 from heliosweep.search.result import best_of, remarks
-from heliosweep.share.archive import pack_result
 from heliosweep.store.folder import status_of
 from heliosweep.store.read import verify
+from tests import bad_studies
 from tests.conftest import SMALL
 
 CLEARANCE, HEIGHT = "layout.radial_stagger.clearance", "receiver.height"
@@ -58,15 +55,6 @@ def result(ran):
         yield data
 
 
-def test_the_best_of_a_coarse_sweep_is_no_better(result, tmp_path):
-    swept = {**ONE, "receiver": {"height": [30, 50, 70, 90]}}
-    swept["layout"] = {"radial_stagger": {"inner_radius": 50, "heliostats": 30, "clearance": [13, 16, 20, 25, 30]}}
-    coarse = api.build(swept).field_optical_efficiency.max().compute().item()
-    found = result.field_optical_efficiency.to_numpy()
-    assert found[best_of(result)] == found.max() >= coarse
-    assert found.max() - np.median(found[:20]) > 0.01
-
-
 def test_each_evaluation_is_what_the_study_gives_there(result):
     for place in (0, 7, best_of(result)):
         at = result.isel(evaluation=place)
@@ -97,35 +85,6 @@ def test_a_best_value_on_a_bound_is_said(result):
     assert said == f"the best {HEIGHT} is on the upper bound of the search, 90; a better point may lie beyond"
 
 
-def test_the_result_folder_is_that_of_any_study(ran, tmp_path):
-    assert verify(ran.folder).ok
-    assert status_of(ran.folder).state == "complete"
-    assert api.run(study(), ran.folder, report=False).seconds == {}  # found
-    planned = api.plan(study())
-    assert planned.chunk_count == SEARCH["budget"]
-    assert "evaluation 60" in planned.in_words()["dimensions"]
-    again = api.load(ran.folder / "study.resolved.yaml")
-    assert again.study_id == study().study_id
-
-
-def test_the_page_tells_of_the_best(ran):
-    page = api.report(ran.folder).read_text()
-    assert "The best evaluations" in page or "evaluation</th>" in page
-    assert {path.name for path in (ran.folder / "figures").glob("*.png")} == {
-        "course.png",
-        "over_clearance.png",
-        "over_receiver_height.png",
-    }
-    assert "is on the upper bound" in page
-
-
-def test_a_notebook_shows_the_figures_and_the_archive_has_the_study(ran, result, tmp_path):
-    assert [one.name for one in result.heliosweep.figures()] == ["over_clearance", "over_receiver_height", "course"]
-    assert result.heliosweep.study.study_id == study().study_id
-    archive = pack_result(ran.folder, tmp_path / "packed.zip", draft=True)
-    assert any(name.endswith("study.yaml") for name in zipfile.ZipFile(archive).namelist())
-
-
 class Stop(BaseException):
     """What kills a run."""
 
@@ -153,14 +112,6 @@ def test_killed_and_resumed_to_the_same_bytes(ran, tmp_path, monkeypatch):
     assert (again.folder / "best.yaml").read_text() == (ran.folder / "best.yaml").read_text()
     with again.open() as data:
         assert sum(asked) == data.sizes["evaluation"] - before
-
-
-@pytest.mark.parametrize(
-    "scheduler", ["synchronous", *(pytest.param(name, marks=pytest.mark.long) for name in ("processes", "distributed"))]
-)
-def test_the_same_bytes_by_any_engine(ran, tmp_path, scheduler):
-    said = {**ONE, "search": SEARCH, "execution": {"scheduler": scheduler, "workers": 2, "chunks": {"heliostat": 9}}}
-    assert api.run(said, tmp_path / "other", report=False).path.read_bytes() == ran.path.read_bytes()
 
 
 def test_two_goals_names_and_bounds(tmp_path):
@@ -218,78 +169,6 @@ def test_a_failing_generation_is_told_and_the_others_are_kept(tmp_path, monkeypa
     assert status_of(tmp_path / "result").done == 10
 
 
-BAD = [
-    ({"maximise": "field_optcal_efficiency"}, "search.maximise: field_optcal_efficiency is no result of this study; "
-     "did you mean 'field_optical_efficiency'?; results of one number are field_cosine_efficiency, "),
-    ({"minimise": "field_optical_efficiency"}, "search.minimise: is also maximised: remove one of them"),
-    ({"maximise": None}, "search: give one result to 'maximise' or 'minimise', or two results for a front"),
-    ({"maximise": 3}, "search.maximise: must be the name of a result, or a list of two (got 3)"),
-    ({"subject_to": {"gold": {"at_least": 1}}}, "search.subject_to.gold: gold is no result of this study; "
-     "results of one number are "),
-    ({"maximise": "field_optical_efficiency", "minimise": "optical_efficiency"},
-     "search.minimise: optical_efficiency is the same result as field_optical_efficiency: list it once"),
-    ({"subject_to": {"heliostats": {"at_least": 3}, "field_heliostats": {"at_most": 9}}},
-     "subject_to.field_heliostats: field_heliostats is the same result as heliostats: list it once"),
-    ({"subject_to": {"heliostats": {}}}, "search.subject_to.heliostats: give 'at_least', 'at_most' or both"),
-    ({"subject_to": {"heliostats": {"at_least": 3, "at_most": 2}}}, "at_least: must not exceed 'at_most'"),
-    ({"over": {}}, "search.over: must not be empty"),
-    ({"over": {"receiver.hight": [30, 90]}}, "search.over.receiver.hight: is not a key that can be searched; did "
-     "you mean "
-     "'receiver.height'?"),
-    ({"over": {"layout.file": {"choice": ["a.csv", "b.csv"]}}}, "search.over.layout.file: is not a key that can"),
-    ({"over": {HEIGHT: [90, 30]}}, "search.over.receiver.height: the first number must be smaller than the second"),
-    ({"over": {HEIGHT: [60, 60.00000001]}}, "search.over.receiver.height: the numbers are too close to search"),
-    ({"over": {HEIGHT: [-3, 90]}}, "search.over.receiver.height[0]: must be greater than 0 m"),
-    ({"over": {HEIGHT: ["30 kg", 90]}}, "search.over.receiver.height[0]: unknown unit 'kg'; use 'm'"),
-    ({"over": {HEIGHT: [60]}}, "search.over.receiver.height: must be the minimum and the maximum: write"),
-    ({"over": {HEIGHT: [60, float("nan")]}}, "search.over.receiver.height[1]: must be a finite number"),
-    ({"over": {HEIGHT: [70, 90]}}, "receiver.height: is the start of the search and must be between 70 and 90, its"),
-    ({"over": {"tracking": ["a", "b"]}}, "search.over.tracking: is a name: write {choice: [...]}"),
-    ({"over": {"tracking": {"choice": ["azimuth_elevation", "sideways"]}}}, "tracking.choice[1]: unknown choice"),
-    ({"over": {"tracking": {"choice": ["azimuth_elevation"]}}}, "choice: must be a list of at least two values"),
-    ({"over": {"tracking": {"choices": ["azimuth_elevation"]}}}, "unknown key; did you mean 'choice'?"),
-    ({"budget": 9}, "search.budget: must be at least 10, one generation of a search over 2 keys (got 9)"),
-    ({"budget": 2.5}, "search.budget: must be a whole number (got 2.5)"),
-    ({"seed": -1}, "search.seed: must be between 0 and"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("said", "message"), BAD, ids=[message[:40] for _, message in BAD])
-def test_what_is_wrong_is_said_where_it_stands(said, message):
-    content = {**ONE, "search": {key: value for key, value in {**SEARCH, **said}.items() if value is not None}}
-    content["layout"] = {"radial_stagger": {"inner_radius": 50, "heliostats": 30, "clearance": 20}}
-    with pytest.raises(StudyError) as caught:
-        heliosweep.load(content)
-    assert message in str(caught.value)
-    assert len(caught.value.problems) == 1
-
-
-@pytest.mark.parametrize(
-    ("blocks", "message"),
-    [
-        (
-            {"site": {"latitude": [0, 30]}},
-            "site.latitude: has 2 values, but a search has one result for each evaluation",
-        ),
-        ({"receiver": {"height": [40, 60]}}, "receiver.height: has 2 values, but a search has one result"),
-        (
-            {"receiver": {"height": {"normal": [40, 1]}}},
-            "receiver.height: is drawn from a distribution",
-        ),
-        (
-            {"report": {"published": {"file": "README.md", "source": "x"}}},
-            "report.published: is for sweeps",
-        ),
-    ],
-    ids=["swept", "swept and searched", "drawn", "published"],
-)
-def test_what_cannot_stand_beside_a_search(blocks, message, monkeypatch):
-    monkeypatch.chdir(Path(__file__).parents[2])
-    with pytest.raises(StudyError) as caught:
-        heliosweep.load({**ONE, **blocks, "search": SEARCH})
-    assert message in str(caught.value)
-
-
 def test_the_table_of_the_best_evaluations_begins_with_the_best(result):
     table = result.heliosweep.tables()["The best evaluations"]
     places = table["evaluation"].astype(int) - 1
@@ -299,28 +178,7 @@ def test_the_table_of_the_best_evaluations_begins_with_the_best(result):
     assert len(table) == 10
 
 
-def test_a_search_ends_with_its_optimum_its_place_and_how_flat_it_is(ran, result):
-    values = 100 * result.field_optical_efficiency.to_numpy()
-    best = best_of(result)
-    assert best is not None
-    near = values >= values.max() - 0.1
-    text = ran.summary()
-    (line,) = [line for line in text.splitlines() if line.startswith("maximum ")]
-    assert line.startswith(f"maximum {values[best]:.5g} % at ")
-    assert f"(evaluation {best + 1} of {values.size}); within 0.1 points: " in line
-    for name in ("receiver_height", "clearance"):
-        ends = result[name].to_numpy()[near]
-        assert f"{ends.min():.4g} to {ends.max():.4g} m" in line
-
-
-@pytest.mark.parametrize(
-    ("goal", "hint"),
-    [
-        ("peak_flux", "peak_flux is no result of this study; with 'output.flux_map' it is"),
-        ("total_efficiency", "total_efficiency is no result of this study; with 'optics' it is"),
-        ("shading", "shading is no result of this study; with 'shading' in their names are field_shading_efficiency"),
-    ],
-)
-def test_a_goal_that_is_no_result_leads_to_the_key_or_the_name(goal, hint):
-    with pytest.raises(StudyError, match=hint):
-        study(maximise=goal)
+@pytest.mark.parametrize(("case", "good", "_"), bad_studies.sections(Path(__file__).with_name("bad_studies.txt")))
+def test_bad_search(case, good, _, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bad_studies.check(case, good)

@@ -1,7 +1,5 @@
 """Texts of an archive: RO-Crate, citation, licence, README."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import zipfile
 from typing import Any
@@ -15,22 +13,14 @@ from heliosweep.share.archive import pack_result
 
 DATASET: dict[str, Any] = {
     "creators": [
-        {
-            "name": "Doe, Jane",
-            "orcid": "0000-0002-1825-0097",
-            "affiliation": "Institute of the Sun",
-            "email": "jane@example.org",
-        },
+        {"name": "Doe, Jane", "orcid": "0000-0002-1825-0097", "affiliation": "Institute of the Sun",
+         "email": "jane@example.org"},
         {"name": "Solar Working Group"},
     ],
-    "license": "CC-BY-SA-4.0",
-    "doi": "10.5281/zenodo.1234567",
-    "keywords": ["field"],
-    "version": "1.1",
-    "publisher": "Zenodo",
-    "funding": [{"funder": "Sun Foundation", "award": "SF-12"}],
+    "license": "CC-BY-SA-4.0", "doi": "10.5281/zenodo.1234567", "keywords": ["field"], "version": "1.1",
+    "publisher": "Zenodo", "funding": [{"funder": "Sun Foundation", "award": "SF-12"}],
     "naming_authority": "sun.example.org",
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -89,14 +79,3 @@ def test_without_people_and_licence_it_is_a_draft(folders, tmp_path, caplog):
     pack_result(folders["nameless"], tmp_path / "a.zip", draft=True)
     assert "dataset.license" in caplog.text
     assert "draft" in (folders["nameless"] / "LICENSE").read_text("utf-8")
-
-
-def test_readme(folder):
-    text = (folder / "README.md").read_text("utf-8")
-    with heliosweep.open_result(folder) as data:
-        for name, variable in (*data.data_vars.items(), *data.coords.items()):
-            row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
-            assert variable.attrs["long_name"] in row
-            assert row.count(" | ") == 3
-    assert "sha256sum -c SHA256SUMS" in text
-    assert "heliosweep run study.yaml --output again" in text

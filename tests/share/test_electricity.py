@@ -1,7 +1,5 @@
 """Electricity behind an efficiency table: SAM gets the plant and the weather of the study."""
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -49,7 +47,7 @@ class Fake:
     last: dict[str, Any]
 
     @staticmethod
-    def default(_: str) -> Fake:
+    def default(_: str) -> "Fake":
         Fake.last = {"helio_height": 12.2, "design_eff": 0.4, "solarm": 2.0}
         return Fake()
 
@@ -119,14 +117,6 @@ def test_sam_gets_the_plant_of_the_study(folder, sam, capsys):
     assert printed[-1] == str(target)
 
 
-def test_a_plant_that_consumes_more_than_it_generates_has_no_cost(folder, sam, capsys, monkeypatch):
-    names = ("electricity", "turbine_power", "capacity_factor", "receiver_heat", "field_heat",
-             "levelized_cost_of_electricity", "field_receiver_energy")  # fmt: skip
-    monkeypatch.setattr(heliosweep, "plant_electricity", lambda *_: xr.Dataset(dict.fromkeys(names, -1.0)))
-    assert cli.main(["electricity", str(folder / "out"), "-o", str(folder / "negative.nc")]) == 0
-    assert capsys.readouterr().out.startswith("electricity: -1 MWh, no cost: the plant consumes more than it generates")
-
-
 def test_sam_gets_the_weather_in_local_time(folder, sam):
     heliosweep.plant_electricity(folder / "out", {"receiver.height": 60})
     data = {key: np.array(value) for key, value in sam.last["solar_resource_data"].items()}
@@ -170,11 +160,6 @@ def test_plants_without_a_model(folder, sam, changes, said, monkeypatch, tmp_pat
     heliosweep.run(folder / "other.yaml", tmp_path / "out", report=False)
     with pytest.raises(heliosweep.StudyError, match=said):
         heliosweep.plant_electricity(tmp_path / "out", {} if "receiver" in changes else {"receiver.height": 60})
-
-
-def test_without_a_result(tmp_path, sam, capsys):
-    assert cli.main(["electricity", str(tmp_path)]) == 2
-    assert "electricity.nc" not in capsys.readouterr().err
 
 
 def test_wrong_inputs_of_sam_are_named(folder, sam):

@@ -1,7 +1,5 @@
 """Results as workbooks of Excel."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np
@@ -31,13 +29,6 @@ def test_a_sheet_for_each_group_of_variables_and_one_that_says_what_is_where(res
     field, name = book["latitude tracking"], "field_optical_efficiency"
     assert list(field.columns[:2]) == ["latitude [degrees_north]", "tracking"]
     np.testing.assert_array_equal(field[name], result[name].to_numpy().ravel())
-
-
-def test_text_is_text(result, tmp_path):
-    tables = {"a/b": pd.DataFrame({"formula": ["=1+1"], "bell": ["\x07"]}), "A:B": pd.DataFrame({"n": [1]})}
-    book = pd.read_excel(write_xlsx(result, tmp_path / "r.xlsx", tables=tables), sheet_name=None)
-    assert list(book)[1:3] == ["a b", "A B 2"]
-    assert book["a b"].to_numpy().tolist() == [["=1+1", "\\x07"]]
 
 
 def test_without_openpyxl_the_remedy_is_named(result, tmp_path, monkeypatch):

@@ -1,7 +1,5 @@
 """Layouts of studies and files, written for SolarPILOT and back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +7,6 @@ import pytest
 
 from heliosweep import StudyError, build, layout_of, read_layout, run, save, write_layout
 from heliosweep.cli import main
-
-
-def test_layout_of_a_study(small):
-    layout = layout_of(small())
-    assert len(layout) == 48
-    assert set(layout.columns) == {"ring", "azimuth", "width", "height"}
-    assert set(layout.columns["width"]) == {9.0}
-    swept = small(layout={"radial_stagger": {"clearance": [13, 14], "inner_radius": 50, "rings": 2}})
-    with pytest.raises(StudyError, match=r"layout.radial_stagger.clearance: is swept, so there are several layouts"):
-        layout_of(swept)
 
 
 def test_layout_of_a_result(small, tmp_path, capsys):

@@ -1,13 +1,11 @@
 """What is never written over: sources, and what a run has left."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
 import pytest
 
-from heliosweep import StudyError, run, save, write_csv
+from heliosweep import run, save
 from heliosweep.cli import main
 
 FIELD = "x,y\n0,60\n15,60\n"
@@ -65,13 +63,3 @@ def test_refused_with_force_also(folder, capsys, command, said):
     assert main([*command.split(), "--force"]) == 2
     assert said in capsys.readouterr().err
     assert contents(folder) == before
-
-
-def test_in_python(folder, small):
-    result = run(small(), "D", report=False)
-    with result.open() as opened, pytest.raises(StudyError, match=r"must end in \.csv"):
-        write_csv(opened, "D/result.nc", "optical_efficiency", force=True)
-    with pytest.raises(StudyError, match="belongs to a result"):
-        save(small(), "D/study.resolved.yaml", force=True)
-    with pytest.raises(StudyError, match="is an input"):
-        save(small(layout={"file": "field.csv"}), "field.csv", force=True)

@@ -1,14 +1,12 @@
 """Results as tables and CSV."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from heliosweep import StudyError, build, open_result, run, to_frame, write_csv
+from heliosweep import build, run, to_frame, write_csv
 from heliosweep.cli import main
 
 
@@ -29,15 +27,6 @@ def test_a_row_for_each_point(result):
     assert frame.attrs["units"]["x"] == "m"
     named = to_frame(result, "optical_efficiency", units=True)
     assert {"latitude [degrees_north]", "x [m]", "ring", "optical_efficiency"} <= set(named.columns)
-
-
-def test_what_fits_in_one_table(result):
-    with pytest.raises(
-        StudyError, match=r"choose from those over latitude, tracking, heliostat: cosine_efficiency, .*"
-    ):
-        to_frame(result)
-    with pytest.raises(StudyError, match=r"optical: no such variable; did you mean 'optical_efficiency'\?"):
-        to_frame(result, "optical")
 
 
 def test_instants_are_written_in_full(small, tmp_path):
@@ -70,14 +59,3 @@ def test_command(small, tmp_path, monkeypatch, capsys):
     assert "--output: name a file, .csv or .xlsx" in said
     assert "its folder does not exist" in said
     assert {path.name for path in Path().iterdir()} == {"out", "r.csv"}
-
-
-def test_names_of_heliostats_are_a_column(small, tmp_path):
-    layout = {"x": [0, 15], "y": [60, 60], "name": ["A1", "A2"]}
-    folder = run(small(layout=layout), tmp_path / "named", report=False).folder
-    with open_result(folder) as result:
-        assert "name" in result.xindexes
-        frame = to_frame(result, "cosine_efficiency")
-        file = result.heliosweep.to_csv(tmp_path / "named.csv", "cosine_efficiency")
-    assert frame.groupby("heliostat")["name"].first().tolist() == ["A1", "A2"]
-    assert ",name," in file.read_text().splitlines()[0]

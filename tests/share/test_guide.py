@@ -1,7 +1,5 @@
 """What a user looks up before writing a study: keys, a study to start from, the studies that come along."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -15,7 +13,7 @@ from heliosweep.cli import COMMANDS, main
 from heliosweep.config.schema import keys_of
 from heliosweep.errors import StudyError
 from heliosweep.families.family import families
-from heliosweep.share.guide import copy_examples, examples, explain, shipped
+from heliosweep.share.guide import explain
 from tests.conftest import ROOT, STUDIES
 
 
@@ -39,22 +37,6 @@ def test_every_key_of_every_family_is_explained(family):
         assert explain([family, key]).splitlines()[0].startswith(key)
 
 
-def test_an_unknown_key_lists_those_of_its_block_and_the_nearest(capsys):
-    assert main(["explain", "field_efficiency", "receiver.hieght"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith(
-        "receiver.hieght: unknown key; did you mean 'receiver.height'? receiver has receiver.height,"
-    )
-    assert main(["explain", "height"]) == 2
-    assert "keys with this word are heliostat.height, receiver.height" in capsys.readouterr().err
-    assert main(["explain", "slope"]) == 2
-    assert "layout.terrain.slope, output.raw_slopes, " in capsys.readouterr().err
-    assert main(["explain", "wind"]) == 2
-    assert "unknown key; keys with this word are time.window, " in capsys.readouterr().err
-    assert main(["explain", "nix", "receiver"]) == 2
-    assert "unknown family" in capsys.readouterr().err
-
-
 def test_a_new_study_is_written_once(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for name in families():
@@ -68,36 +50,12 @@ def test_a_new_study_is_written_once(tmp_path, monkeypatch, capsys):
     assert "did you mean 'dish_tracking'" in capsys.readouterr().err
 
 
-def test_the_studies_that_come_along_are_listed():
-    assert {line.split()[0] for line in examples().splitlines()} == {path.stem for path in STUDIES.glob("*.yaml")}
-
-
-def test_a_study_is_copied_with_all_files_that_it_names(tmp_path, capsys):
-    copied = copy_examples(["gazing_measured", "liu2022_table2.yaml"], tmp_path / "new")
-    assert [path.name for path in copied] == ["gazing_measured.yaml", "liu2022_table2.yaml"]
-    for path in copied:
-        assert api.load(path).study_id == api.load(shipped()[path.stem]).study_id
-    before = (tmp_path / "new" / "gazing_measured.yaml").read_bytes()
-    assert main(["examples", "gazing_measured", "--to", str(tmp_path / "new")]) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert (tmp_path / "new" / "gazing_measured.yaml").read_bytes() == before
-    assert main(["examples", "gazing_mesured"]) == 2
-    assert "did you mean 'gazing_measured'" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_examples_in_its_help(name, capsys):
     with pytest.raises(SystemExit):
         main([name, "--help"])
     out = capsys.readouterr().out
     assert f"examples:\n  heliosweep {name}" in out
-
-
-def test_every_command_that_is_listed_does_something(capsys):
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    listed = re.findall(r"^    ([a-z]+)\s", capsys.readouterr().out, re.MULTILINE)
-    assert listed == [*COMMANDS]
 
 
 def test_the_wheel_brings_the_studies_with_their_files(tmp_path):

@@ -1,7 +1,5 @@
 """Efficiency over directions of the sun: the same values as a run, in the forms of SAM and SolarPILOT."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 
@@ -81,26 +79,6 @@ def test_azimuths_turn_into_their_range(small, tmp_path):
         write_table(twice, tmp_path / "n.csv")
 
 
-def test_factor(small, table):
-    less = efficiency_table(small(), AE, azimuth=AZIMUTH, elevation=ELEVATION, factor=0.5)
-    np.testing.assert_allclose(less, table * 0.5)
-    with pytest.raises(StudyError, match="more than 0 and at most 1"):
-        efficiency_table(small(), AE, factor=1.5)
-
-
-@pytest.mark.parametrize(
-    ("select", "said"),
-    [
-        ({}, r"choose one value of tracking, for example with --select tracking=.* \(tracking: spinning_elevation, az"),
-        ({"tracking": "polar"}, r"select.tracking: is not in the result; choose from spinning_elevation"),
-        ({**AE, "clearance": 3}, r"select.clearance: is not a dimension of the result, which has"),
-    ],
-)
-def test_what_to_choose(small, select, said):
-    with pytest.raises(StudyError, match=said):
-        efficiency_table(small(), select, azimuth=0, elevation=45)
-
-
 def test_blocks_of_the_year_change_no_table(small):
     """Losses of the receiver, costs and availability need a year; a table has none of them."""
     optics = {"sun_shape": {"kind": "pillbox"}, "slope_error": 1, "rays": 16}
@@ -168,17 +146,6 @@ def test_command(small, tmp_path, monkeypatch, capsys):
     assert not Path("u.csv").exists()
 
 
-@pytest.mark.parametrize("family", ["dish_tracking", "misalignment", "backward_gazing"])
-def test_other_families_are_told(tmp_path, monkeypatch, capsys, family):
-    from heliosweep.families.family import families
-
-    monkeypatch.chdir(tmp_path)
-    Path("other.yaml").write_text(families()[family].example())
-    assert main(["table", "other.yaml", "-o", "t.csv"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert f"family: {family} does not support 'clock: sun'" in line
-
-
 def test_all_factors_of_a_study_with_optics(small):
     """One factor each, none twice: half the reflectivity is half the efficiency."""
     receiver = {"kind": "cylinder", "height": 60, "radius": 3, "height_extent": 6}
@@ -232,10 +199,6 @@ def test_flux_maps_begin_in_the_south_and_go_east(tmp_path):
     for row, strength in zip(written, [0.1, 0.1, 0.1, 0.9, 0.1] * 2, strict=True):
         expected = (1 + strength * np.cos(np.radians(np.array([135, 45, 315, 225]) - 60))) / 4
         np.testing.assert_allclose(row, expected, atol=1e-9)
-
-
-def test_flux_maps_of_a_rectangle_keep_their_order():
-    np.testing.assert_allclose(shares(flux(3, "m"))[2, 0], (1 + 0.1 * np.cos(np.radians([0, 120, 240]))) / 3)
 
 
 def test_flux_maps_that_are_none(small, tmp_path):

@@ -1,7 +1,5 @@
 """Layouts of SolarPILOT: what is read, what comes back, and what bad files are told."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from heliosweep import StudyError
 from heliosweep.layouts import Layout, read_csv
 from heliosweep.layouts.layout import SOLARPILOT_COLUMNS, write_solarpilot
 
@@ -36,16 +33,6 @@ def written(tmp_path):
         return path
 
     return write
-
-
-def test_without_header(written):
-    layout = read_csv(written("0,1126.85,1362.1,0\n0,36.59,879.35,-1.5\n"))
-    assert layout.x.tolist() == [1126.85, 36.59]
-    assert layout.y.tolist() == [1362.1, 879.35]
-    assert layout.z.tolist() == [0, -1.5]
-    assert dict(layout.columns) == {}
-    assert layout.lines is not None
-    assert layout.lines.tolist() == [1, 2]
 
 
 def test_all_columns_and_null(written):
@@ -81,29 +68,6 @@ def test_export_of_a_simulation(written):
     assert list(layout.columns) == ["id", "aim_x", "aim_y", "aim_z", "total_eff", "layout_power_kw"]
     assert layout.lines is not None
     assert layout.lines.tolist() == [7, 8]
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        ("0,1,2,3\n0,1,b,3\n", "field.csv:2:5: y must be a finite number (got 'b')"),
-        ("0,1,2,3\n0,1\n", "field.csv:2: has 2 fields, but the header has 4"),
-        ("Template,Loc. X,Loc. Y\n", "has a header but no heliostats"),
-        ("Template,Loc. X,Loc. X,Loc. Y\n0,1,2,3\n", "has two columns 'x'"),
-        ("1,2\n3,4\n", "needs a column x"),
-    ],
-)
-def test_bad_files(written, content, said):
-    with pytest.raises(StudyError) as caught:
-        read_csv(written(content), name="field.csv")
-    assert said in str(caught.value)
-
-
-def test_mirrors_of_one_size_have_one_template(tmp_path):
-    sides = {"width": np.array([1.0, 2.0, 1.0]), "height": np.array([1.0, 1.0, 1.0])}
-    layout = Layout(np.array([0.0, 9.0, 18.0]), np.full(3, 9.0), np.zeros(3), sides)
-    write_solarpilot(layout, tmp_path / "field.csv")
-    assert [line.split(",")[0] for line in (tmp_path / "field.csv").read_text().splitlines()] == ["0", "1", "0"]
 
 
 lengths = st.floats(-1e5, 1e5).map(lambda value: value + 0.0)

@@ -1,7 +1,5 @@
 """Sites from the headers of weather files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +9,7 @@ import yaml
 
 from heliosweep import StudyError
 from heliosweep.api import load
-from heliosweep.config.schema import json_schema
 from heliosweep.config.sites import site_table
-from heliosweep.families.family import families
 from tests.conftest import SMALL
 
 EPW_HEADER = "LOCATION,San Francisco Intl Ap,CA,USA,TMY3,724940,37.62,-122.40,-8.0,2.0"
@@ -104,10 +100,3 @@ def test_located_errors(folder, site, said):
         load("study.yaml")
     assert said in str(caught.value)
     assert caught.value.count == 1
-
-
-def test_every_family_with_a_site(folder):
-    for family in families().values():
-        schema = json_schema(family.study_class())
-        for name in {"Site", "NamedSite"} & set(schema.get("$defs", {})):
-            assert "file" in schema["$defs"][name]["properties"], family.name

@@ -1,7 +1,5 @@
 """Results on the disk: parts, both formats, opening and saving again, comparison, verification, protected files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -6,14 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from heliosweep.kernels.compiled import kernel
-from heliosweep.kernels.gazing.geometry import (
-    EXACT,
-    camera_square,
-    ideal_mirror,
-    mirror_offsets,
-    scene,
-    transfers,
-)
+from heliosweep.kernels.gazing.geometry import EXACT, camera_square, ideal_mirror, mirror_offsets, scene, transfers
 from tests.kernels.gazing import twin
 from tests.kernels.gazing.twin import camera_ray, sun_offsets
 
@@ -59,20 +52,6 @@ def test_oracle():
         assert 1e3 * np.hypot(v, w) == pytest.approx(angle, rel=1e-9)
 
 
-@given(AZIMUTH, ELEVATION, AZIMUTH, ELEVATION)
-def test_jacobian_is_differences(sa, sh, ta, th):
-    """W = E R with R the reflected direction of the sun's centre."""
-    layout = some_scene((sa, sh), (ta, th))
-    step, s = 1e-5, layout.sun_axes[0]
-
-    def reflected(p):
-        n = twin.unit(np.array([1.0, *p])) @ layout.mirror_axes
-        return layout.target_axes[1:] @ (2.0 * (n @ s) * n - s)
-
-    columns = [(reflected(step * e) - reflected(-step * e)) / (2.0 * step) for e in np.eye(2)]
-    np.testing.assert_allclose(jacobian(layout), np.stack(columns, axis=1), atol=3e-7)
-
-
 @given(
     AZIMUTH, ELEVATION, AZIMUTH, ELEVATION,
     st.floats(-3e-3, 3e-3), st.floats(-3e-3, 3e-3), st.floats(-5.0, 5.0), st.floats(-5.0, 5.0),
@@ -84,20 +63,6 @@ def test_offsets_are_those_of_vectors_in_space(sa, sh, ta, th, p_y, p_z, y, z):
         found = np.array(offsets_at(layout, camera, p_y, p_z, y, z))
         np.testing.assert_allclose(found[:2], twin.offsets(layout, camera, points, normals)[0], atol=3e-15)
         np.testing.assert_array_equal(found, parts_at(layout, camera, p_y, p_z, y, z))
-
-
-def test_cameras():
-    square, cross = camera_square(0.24), camera_square(0.24, "cross")
-    np.testing.assert_allclose(np.hypot(*square.T), 0.24)
-    np.testing.assert_allclose(np.hypot(*cross.T), 0.24)
-    assert np.all(np.sign(square) == [[-1, 1], [1, 1], [-1, -1], [1, -1]])
-    layout = twin.paper_scene()
-    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
-    tilt = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])  # Eq. 3
-    for place, camera in zip(square, layout.cameras, strict=True):
-        np.testing.assert_allclose(camera, tilt @ [0.0, *place], atol=1e-16)
-    with pytest.raises(ValueError, match="arrangement"):
-        camera_square(0.24, "ring")
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from heliosweep.kernels.profiles import jose
 from tests.kernels.gazing import twin
 
 SMALL = st.floats(-3e-3, 3e-3)
-FLAT = np.zeros((8, 2))
 
 
 @settings(max_examples=40)
@@ -49,18 +48,6 @@ def test_range_in_which_all_cameras_are_lit():
         for size, lit in ((1.32e-3, 4), (1.35e-3, 3)):
             images, _ = image_set(layout, grid, jose(), module_spheres(small, 120.0, [[0.0, sign * size]]))
             assert np.sum(images[:, 0] >= 0.3) == lit
-
-
-def test_waviness():
-    grid = twin.paper_grid()
-    one = waviness(grid, 3e-4, 1.0, 5)
-    assert np.sqrt(np.mean(one**2)) == pytest.approx(3e-4)
-    for row in range(8):
-        np.testing.assert_allclose(one[:, grid.pixel_module == row].mean(axis=1), 0.0, atol=1e-18)
-    np.testing.assert_array_equal(one, waviness(grid, 3e-4, 1.0, 5))
-    assert np.abs(one - waviness(grid, 3e-4, 1.0, 6)).max() > 1e-4
-    np.testing.assert_allclose(2.0 * one, waviness(grid, 6e-4, 1.0, 5), rtol=1e-12)
-    assert np.all(waviness(grid, 0.0, 1.0, 5) == 0.0)
 
 
 def test_waviness_has_its_wavelength():

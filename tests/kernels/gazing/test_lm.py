@@ -6,7 +6,6 @@ from scipy.optimize import least_squares
 
 from heliosweep.kernels.gazing.geometry import (
     EXACT,
-    camera_square,
     eroded,
     expose,
     image_set,
@@ -16,10 +15,7 @@ from heliosweep.kernels.gazing.geometry import (
     transfers,
     waviness,
 )
-from heliosweep.kernels.gazing.slopes import (
-    fit_slopes,
-    slope_bound,
-)
+from heliosweep.kernels.gazing.slopes import fit_slopes, slope_bound
 from heliosweep.kernels.profiles import jose
 from tests.kernels.gazing import twin
 
@@ -61,17 +57,6 @@ def test_clean_table_of_the_paper():
     error = (fitted(grid, images, jose()).slopes - true)[:, keep]
     assert np.max(np.abs(error)) < 6e-7  # the height that a turned module gains, which the series does not know
     assert np.max(np.abs(error[:, ~np.isin(grid.pixel_module[keep], (1, 2))])) < 2e-12
-
-
-def test_waviness():
-    """0.3 mrad come back to 1e-9 mrad; the issue asks for 2e-5."""
-    grid = twin.paper_grid(0.1)
-    images, true = pictures(grid, jose(), wavy=waviness(grid, 0.3e-3, 1.0, 0))
-    found = fitted(grid, images, jose())
-    error = np.abs(found.slopes - true)
-    assert np.quantile(error, 0.999) < 2e-12
-    assert np.max(error) < 2e-9  # at the very limb, where the tangent takes the place of the profile
-    assert np.mean(found.evaluations) < 4.0
 
 
 @pytest.mark.parametrize("fit_gain", [False, True])
@@ -123,18 +108,3 @@ def test_three_and_five_cameras():
         images, true = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, 0.5 * twin.paper_canting()))
         found = fit_slopes("LM", layout, jose(), images, np.zeros_like(true), grid.pixels)
         assert np.max(np.abs(found.slopes - true)) < 1e-6
-
-
-@pytest.mark.parametrize("fit_gain", [False, True])
-def test_dark_camera_counts_for_nothing(fit_gain):
-    """The same slopes, deviations and sums as without it."""
-    grid, places = twin.paper_grid(0.2), camera_square(0.24)
-    images = expose(pictures(grid, jose(), 0.5 * twin.paper_canting())[0], noise=0.003, seed=2)
-    images[1] = 0.29
-    found = fitted(grid, images, jose(), fit_gain=fit_gain)
-    three = scene(SUN, TARGET, places[[0, 2, 3]])
-    first = start(grid, images, jose())
-    alone = fit_slopes("LM", three, jose(), images[[0, 2, 3]], first, grid.pixels, fit_gain=fit_gain)
-    np.testing.assert_allclose(found.slopes, alone.slopes, atol=1e-12)
-    np.testing.assert_allclose(found.deviation, alone.deviation, rtol=1e-9)
-    np.testing.assert_allclose(found.merit, alone.merit, rtol=1e-9, atol=1e-20)

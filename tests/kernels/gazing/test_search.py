@@ -12,12 +12,8 @@ from heliosweep.kernels.gazing.slopes import (
     UNLIT,
     XATOL,
     fit_slopes,
-    ideal_wavefront,
     look_back,
     residual_squares,
-    solutions,
-    transferred,
-    wavefront_departures,
 )
 from heliosweep.kernels.profiles import jose, noisy
 from tests.kernels.gazing import twin
@@ -29,13 +25,6 @@ PROFILES = {"jose": jose(), "noisy": noisy(jose(), 0.012)}
 def pictures(grid, profile, canting=None):
     spheres = module_spheres(themis_8(), 120.0, twin.paper_canting() if canting is None else canting)
     return image_set(LAYOUT, grid, profile, spheres)
-
-
-def wavefronts(grid, images, profile):
-    """Wavefront slopes of method A, and of the ideal mirror."""
-    ideal = twin.ideal_squares(LAYOUT, grid.pixels)
-    departures, _ = wavefront_departures(images, ideal, solutions(LAYOUT.gaze), profile, 0.3)
-    return departures + ideal_wavefront(LAYOUT, ideal), ideal_wavefront(LAYOUT, ideal)
 
 
 @pytest.mark.parametrize("name", PROFILES)
@@ -61,15 +50,6 @@ def test_steps_of_scipy(name, fit_gain):
         assert found.merit[k] == expected.fun
         assert found.evaluations[k] == expected.nfev > 30
         assert found.flags[k] == (0 if expected.success else NOT_CONVERGED)
-
-
-def test_exact_referential_of_o1():
-    grid = twin.paper_grid(0.2)
-    images, true = pictures(grid, jose())
-    start, ideal = wavefronts(grid, images, jose())
-    found = fit_slopes("O1", LAYOUT, jose(), images, start, grid.pixels).slopes - ideal
-    error = transferred(found, transfers(LAYOUT)[[EXACT]])[0] - true
-    assert np.nanmax(np.abs(error)) < 0.03e-3
 
 
 def test_dark_pixels_and_gains():

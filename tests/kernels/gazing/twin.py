@@ -15,12 +15,7 @@ LIMB, EPS_MAX, POWER = 0.679, 4.360e-3, 2.222
 
 def paper_scene(sun=(30.0, 60.0), target=(0.0, 44.0), radius=0.24, arrangement="square", **more):
     """Scene of the study file of the paper; angles in degrees, azimuths from south towards east."""
-    return scene(
-        tuple(np.radians(sun)),
-        tuple(np.radians(target)),
-        camera_square(radius, arrangement),
-        **more,
-    )
+    return scene(tuple(np.radians(sun)), tuple(np.radians(target)), camera_square(radius, arrangement), **more)
 
 
 @inline

@@ -3,14 +3,6 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from heliosweep.kernels.mounts import aim, stand
-
-
-def aim_normals(sun, to_target, offset=0.0):
-    """Normals of aimed mirrors without errors whose centres are at a distance from their pivots."""
-    angles = aim(np.eye(3), sun, to_target, np.zeros(6), (offset, 0.0, 0.0))
-    return stand(np.eye(3), angles, np.zeros(6), to_target, (offset, 0.0, 0.0)).normal
-
 
 def normal_and_centre(frame, angles, errors, offsets=(0.0, 0.0, 0.0)):
     """Normal and mirror centre of mounts at encoder angles, by the chain of rotations; arguments broadcast."""

@@ -7,8 +7,6 @@ shade and block as planes; intercept, light and map are of curved mirrors. Total
 to 1e-5 at an instant and 1e-6 over a year.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

@@ -1,7 +1,5 @@
 """Scenes of tests: heliostats before a receiver."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Rays on a graphics processor: refusals, and the device's code on a device or in numba's simulator."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -11,7 +9,6 @@ import numpy as np
 import pytest
 
 import heliosweep
-from heliosweep import api
 from heliosweep.errors import StudyError
 from heliosweep.kernels import device, rays
 from tests.kernels.rays.scenes import random_field
@@ -65,7 +62,7 @@ def test_the_code_of_the_device_in_the_simulator():
     environment = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=600)
     assert done.returncode == 0, done.stdout[-4000:]
-    assert "5 passed" in done.stdout
+    assert "4 passed" in done.stdout
 
 
 def _suns() -> np.ndarray:
@@ -97,14 +94,3 @@ def test_a_device_traces_the_rays_of_the_processor(case):
     assert wanted.sums[..., rays.UNBLOCKED].min() < wanted.sums[..., rays.UNBLOCKED].max()
     assert found.sums == pytest.approx(wanted.sums, rel=TOLERANCE)
     assert found.flux == pytest.approx(wanted.flux, rel=TOLERANCE)
-
-
-@pytest.mark.long
-@needs_device
-def test_a_study_on_a_device(small):
-    blocks = {key: value for key, value in _STUDY.items() if key != "family"}
-    found, wanted = (
-        api.build(small(**{**blocks, "site": None, "execution": execution})).compute()
-        for execution in (blocks["execution"], {"scheduler": "synchronous"})
-    )
-    assert found["total_efficiency"].values == pytest.approx(wanted["total_efficiency"].values, rel=TOLERANCE)

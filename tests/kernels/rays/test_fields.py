@@ -1,7 +1,5 @@
 """Whole fields against references of 5e9 to 7e10 rays; see `fields`."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -44,12 +42,3 @@ def test_standard_errors_cover_the_reference(name):
     assert np.mean(inside) >= 0.75
     assert np.mean([row["covered"] for row in rows]) == pytest.approx(0.95, abs=0.02)
     assert abs(np.mean([row["field"] for row in rows])) < 1e-4
-
-
-@pytest.mark.long
-def test_many_rays_over_a_year():
-    for name in YEARS:
-        row = compare(name, 1024)
-        assert abs(row["field"]) < 1e-4
-        assert row["heliostat"] < 5e-4
-        assert row["cell"] < (0.012 if name == "flat_polar" else 0.004)

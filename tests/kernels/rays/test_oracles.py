@@ -1,14 +1,11 @@
 """Rays against converged intercepts of single heliostats, published powers and closed forms."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from heliosweep.kernels import rays, sunshapes
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, SPINNING_ELEVATION
@@ -77,26 +74,3 @@ def test_round_robin():
         area = 11.415 * 10.42 if task[0] == "1" else 35 * 1.605 * 2.06
         cosine = rays.trace(made, sun / np.linalg.norm(sun), rays=16).sums[0, 0, 0, rays.COSINE]
         assert 0.9 * area * cosine * found == pytest.approx(power, rel=3.0 * error + 3e-4), (task, position)
-
-
-def test_gaussian_image_of_a_point_mirror():
-    far, sigma = 200.0, 2e-3
-    receiver = rays.rectangle((0.0, 0.0, 50.0), 0.0, 0.0, 1.2, 0.8)
-    place = np.array([0.0, far, 50.0])
-    made = scene(receiver, place=place, sides=(1e-3, 1e-3), errors=(0.0, 0.0, sigma), sun=sunshapes.gaussian())
-    found, error = intercept(made, np.array([[0.0, -1.0, 1e-9]]))
-    spread = far * math.hypot(sigma, sunshapes.GAUSSIAN)
-    wanted = math.prod(2.0 * norm.cdf(half / spread) - 1.0 for half in (0.6, 0.4))
-    assert found == pytest.approx(wanted, abs=3.0 * error)
-    assert error < 4e-4
-
-
-def test_slope_errors_spread_the_ray_twice():
-    far, sigma = 200.0, 1.5e-3
-    receiver = rays.rectangle((0.0, 0.0, 50.0), 0.0, 0.0, 0.9, 100.0)
-    made = scene(
-        receiver, place=(0.0, far, 50.0), sides=(1e-3, 1e-3), errors=(sigma, 0.0, 0.0),
-        sun=sunshapes.SunShape(np.zeros(1), np.ones(1), 0.0),
-    )  # fmt: skip
-    found, error = intercept(made, np.array([[0.0, -1.0, 1e-9]]))
-    assert found == pytest.approx(2.0 * norm.cdf(0.45 / (2.0 * sigma * far)) - 1.0, abs=3.0 * error + 1e-5)

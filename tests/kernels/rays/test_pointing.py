@@ -1,7 +1,5 @@
 """Fixed errors of mounts by whole rotation matrices."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Properties of rays: bits of every split, exact polygons, standard errors, bodies in the way."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -51,18 +49,6 @@ def test_same_bits_however_split(kind):
     assert sums.tobytes() == whole.sums.tobytes()
     assert flux.tobytes() == whole.flux.tobytes()
     assert field.tobytes() == whole.field.tobytes()
-
-
-def test_sums_over_the_heliostats_are_weighted_by_area_and_share():
-    rng = np.random.default_rng(4)
-    made, sun, share, area = random_field(rng, 20), suns(rng, 12), rng.uniform(1.0, 2.0, 20), rng.uniform(2.0, 3.0, 20)
-    sun[5] = (0.0, 1.0, -0.1)
-    each = rays.trace(made, sun, group=np.arange(12), groups=12).sums
-    factor = np.stack([share if k in (rays.REFLECTED, rays.RECEIVED) else area for k in range(rays.QUANTITIES)], axis=1)
-    wanted = (each * factor[:, np.newaxis]).sum(axis=1)
-    found = rays.trace(made, sun, weights=rng.uniform(0.0, 1e-3, (2, 12)), share=share, area=area).field
-    np.testing.assert_allclose(found, wanted, rtol=1e-12)
-    assert not found[:, 5].any()
 
 
 @pytest.mark.parametrize("tracking", [AZIMUTH_ELEVATION, SPINNING_ELEVATION])
@@ -138,20 +124,6 @@ def test_slopes_of_a_map():
     assert rays.trace(flat._replace(slopes=maps), sun, rays=4096).sums[:, 0, 0, rays.HIT].mean() == pytest.approx(
         hits[1], abs=2e-3
     )
-
-
-def test_slopes_of_a_facet_map():
-    """A map of each facet gives the same as facets with a focal length."""
-    receiver, sun = rays.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 2.0, 2.0), direction(180.0, 40.0)
-    width, curve = (8.0 - 0.2) / 3, 0.5 / 120.0
-    x, y = np.linspace(-width / 2, width / 2, 33), np.linspace(-2.0, 2.0, 33)
-    slope = np.stack(np.broadcast_arrays(-curve * x[np.newaxis, :], -curve * y[:, np.newaxis]), axis=-1)
-    flat = scene(receiver, place=(5.0, 220.0, 5.0), sides=(8.0, 4.0), errors=_NONE, facets=(3, 1, 0.1))
-    mapped = flat._replace(slopes=rays.SlopeMap(x, y, slope[np.newaxis], np.zeros(1, np.int64), True))
-    bent = flat._replace(curve=np.array([curve]))
-    hits = [rays.trace(each, sun, rays=4096).sums[:, 0, 0, rays.HIT].mean() for each in (flat, mapped, bent)]
-    assert hits[1] == pytest.approx(hits[2], abs=2e-3)
-    assert abs(hits[0] - hits[1]) > 0.01
 
 
 def test_standard_errors_cover():

@@ -1,7 +1,6 @@
 """The specification of the deviation kernels, written another way: SciPy's rotations, fixed points, linear systems."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from heliosweep.kernels.mounts import Setting
 from heliosweep.kernels.spots import deviation_curves
@@ -28,17 +27,3 @@ def deviation_spots(settings, source, axis, size, sun, pivots):
 
 def unit(vectors):
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def iterated_normals(sun, to_target, offset):
-    """Eqs. 16 and 17 of the paper, to the end."""
-    n = unit(sun + unit(to_target))
-    for _ in range(200):
-        n = unit(sun + unit(to_target - offset * n))
-    return n
-
-
-def turned(vectors, rotation_vectors):
-    both = [array.copy() for array in np.broadcast_arrays(vectors, rotation_vectors)]
-    rotation = Rotation.from_rotvec(both[1].reshape(-1, 3))
-    return rotation.apply(both[0].reshape(-1, 3)).reshape(both[0].shape)

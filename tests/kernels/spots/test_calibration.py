@@ -1,7 +1,5 @@
 """Calibration against an independent model of the mount, SciPy's least squares and Monte Carlo."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -9,16 +7,7 @@ import pytest
 from scipy.optimize import least_squares, root
 from scipy.stats import t as student
 
-from heliosweep.kernels.calibration import (
-    CAUCHY,
-    ESTIMATED,
-    HUBER,
-    INDISTINCT,
-    SQUARED,
-    Mounts,
-    Observed,
-    fit,
-)
+from heliosweep.kernels.calibration import CAUCHY, ESTIMATED, HUBER, INDISTINCT, SQUARED, Mounts, Observed, fit
 from tests.families.misalignment.mount_twin import Twin, solar_vector
 from tests.kernels.mounts.normals import normal_and_centre
 
@@ -69,11 +58,6 @@ class Case:
 def truth(parameters):
     """Errors of which only those that are sought are not zero."""
     return np.where(np.arange(6) < parameters, TRUE, 0.0)
-
-
-def test_large_errors_are_found_too():
-    found = Case(true=20 * TRUE).calibrate(parameters=6)
-    np.testing.assert_allclose(found.estimate[0], 20 * TRUE, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize(("days", "condition"), [((81,), 1700), ((81, 172), 378), ((81, 172, 355), 185)])
@@ -154,8 +138,7 @@ LONG = ((SQUARED, 4), (HUBER, 6), (CAUCHY, 4), (CAUCHY, 6))
 
 
 @pytest.mark.parametrize(
-    ("loss", "parameters"),
-    [(SQUARED, 6), (HUBER, 4), *(pytest.param(*one, marks=pytest.mark.long) for one in LONG)],
+    ("loss", "parameters"), [(SQUARED, 6), (HUBER, 4), *(pytest.param(*one, marks=pytest.mark.long) for one in LONG)]
 )
 def test_intervals_cover_the_truth_and_the_covariance_is_that_of_the_draws(loss, parameters):
     case = Case(true=truth(parameters), noise=0.02, seeds=1000)
@@ -173,21 +156,6 @@ def test_intervals_cover_the_truth_and_the_covariance_is_that_of_the_draws(loss,
     np.testing.assert_allclose(drawn / np.outer(widths, widths), stated / np.outer(widths, widths), rtol=0, atol=0.15)
 
 
-@pytest.mark.parametrize("loss", [HUBER, CAUCHY])
-def test_robust_losses_survive_outliers(loss):
-    case = Case(true=truth(4), noise=0.02, seeds=300)
-    clean = np.std(case.calibrate().estimate[:, :4], axis=0)
-    rng = np.random.default_rng(2)
-    bad = rng.random(case.position.shape[:2]) < 0.1
-    case.position[bad] += rng.uniform(-2.0, 2.0, (np.count_nonzero(bad), 2))
-    spread = {}
-    for kind in (SQUARED, loss):
-        found = case.calibrate(loss=kind, loss_scale=0.05)
-        spread[kind] = np.sqrt(np.mean((found.estimate[:, :4] - TRUE[:4]) ** 2, axis=0))
-    assert (spread[loss] < 1.5 * clean).all()
-    assert (spread[SQUARED] > 10 * clean).all()
-
-
 @pytest.mark.parametrize("loss", [SQUARED, HUBER, CAUCHY])
 def test_leave_one_out_of_every_spot_and_loss(loss):
     case = Case(true=truth(4), noise=0.03)
@@ -203,12 +171,3 @@ def test_leave_one_out_of_every_spot_and_loss(loss):
         ours = found.left_out[0, spot] - found.residual[0, spot]
         tolerance = 0.02 if loss == SQUARED else 0.25
         assert np.hypot(*(ours - moved)) <= tolerance * np.hypot(*moved) + 1e-4
-
-
-@pytest.mark.parametrize("far", [1e6, 1e200])
-def test_impossible_spots_are_never_estimated(far):
-    case = Case(true=truth(4), noise=0.03)
-    case.position[0] = far
-    found = case.calibrate()
-    assert found.status[0] not in (ESTIMATED, INDISTINCT)
-    assert not (np.abs(found.estimate) > 0.5).any()  # the last point, where it is a possible one

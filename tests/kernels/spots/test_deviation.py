@@ -18,7 +18,6 @@ from heliosweep.kernels.sun import solar_clock
 from tests.kernels.spots.deviations import LATITUDE, deviation_spots, setting, unit
 
 SOURCES = {"canting": CANTING, "encoder": ENCODER, "tilt": TILT}
-AXES = {"elevation": ELEVATION, "azimuth": AZIMUTH, "encoder_azimuth": ENCODER_AZIMUTH}
 KINDS = [AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL]
 PIVOT = np.array([[[-16.0, 150.0, 0.0]]])
 MORNING = solar_clock(LATITUDE, np.radians(23.45), np.array([8.0]))[np.newaxis]

@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from heliosweep.kernels.mounts import (
-    AZIMUTH_ELEVATION,
-    BLIND_CONE,
-    REACHES,
-    TARGET_ALIGNED,
-)
+from heliosweep.kernels.mounts import AZIMUTH_ELEVATION, BLIND_CONE, REACHES, TARGET_ALIGNED
 from heliosweep.kernels.spots import mount_spots
 from heliosweep.kernels.sun import solar_clock
 from tests.kernels.spots import deviations
@@ -19,23 +14,6 @@ def setting(kinds=(AZIMUTH_ELEVATION,), offset=0.5, axis_offset=0.3, pedestal=4.
         len(kinds), kind=kinds, half_width=2.0, half_height=1.5, latitude=0.65, axis_azimuth=0.3, mirror_offset=offset,
         axis_offset=axis_offset, pedestal_height=pedestal, face_azimuth=face[0], face_tilt=face[1],
     )  # fmt: skip
-
-
-def suns(count, seed=0):
-    """Sun vectors in the southern half of the sky, shape (1, T, 3)."""
-    sun = np.random.default_rng(seed).normal(size=(1, count, 3)) + np.array([0.0, -1.0, 0.0])
-    sun[..., 2] = np.abs(sun[..., 2]) + 0.1
-    return sun / np.linalg.norm(sun, axis=-1, keepdims=True)
-
-
-def pivots(count, seed=1):
-    """Pivots in the north, shape (1, H, 3)."""
-    rng = np.random.default_rng(seed)
-    return np.stack((rng.uniform(-200, 200, count), rng.uniform(80, 400, count), rng.uniform(3, 8, count)), 1)[None]
-
-
-def errors(*shape, seed=2, spread=2e-3):
-    return np.random.default_rng(seed).normal(0.0, spread, (*shape, 6))
 
 
 def test_against_numbers_of_the_reference():

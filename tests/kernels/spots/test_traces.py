@@ -6,7 +6,6 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from heliosweep.kernels import traces
-from heliosweep.kernels.calibration import ESTIMATED, INDISTINCT, Mounts, Observed, fit
 from heliosweep.kernels.mounts import aim, face_axes, mount_frames, stand
 from heliosweep.kernels.sun import solar_clock
 
@@ -81,42 +80,3 @@ def test_all_crossings_are_those_of_rays_one_by_one(kind, offsets):
             np.testing.assert_allclose(turned[h, t, trace, piece][known], [e[1] for e in expected], atol=1e-13, rtol=0)
             seen += len(expected)
     assert seen > 60
-
-
-def seen_of(frames, to_target, errors, angles, offsets):
-    """All crossings of each mount, shape (H, M, ...)."""
-    starts, along, ends = pieces()
-    place, _ = traces.crossings(stood(frames, to_target, errors, angles, offsets), SUN, starts, along, ends)
-    shape = place.shape
-    points = starts[:, None] + place[..., None] * along[:, None]
-
-    def spread(array):
-        return np.broadcast_to(array, (*shape, array.shape[-1])).reshape(shape[0], -1, array.shape[-1])
-
-    trace = np.broadcast_to(np.arange(2)[:, None, None], shape).reshape(shape[0], -1)
-    return Observed(
-        spread(SUN[:, None, None, None]), spread(angles[:, :, None, None, None]), spread(points),
-        np.isfinite(place).reshape(shape[0], -1).astype(float), trace, spread(along[:, None]),
-    )  # fmt: skip
-
-
-def mounts_of(frames, to_target, offsets):
-    return Mounts(frames, to_target, FACE, np.array(offsets))
-
-
-@pytest.mark.parametrize(("parameters", "exact"), [(2, 1e-12), (4, 2e-12), (6, 1e-9)])
-@pytest.mark.parametrize("offsets", OFFSETS)
-@pytest.mark.parametrize("kind", [0, 1, 3])
-def test_least_squares_recover_planted_errors(kind, offsets, parameters, exact):
-    """A polar mount is left out: of one day its six errors cannot be told apart, see below."""
-    frames, to_target, errors, angles = scene(kind, offsets, 20, spread=3e-3)
-    errors[:, parameters:] = 0.0
-    seen = seen_of(frames, to_target, errors, angles, offsets)
-    mounts = mounts_of(frames, to_target, offsets)
-    found = fit(mounts, seen, parameters=parameters)
-    assert np.isin(found.status, (ESTIMATED, INDISTINCT)).all()
-    assert 1e3 * np.abs(found.estimate - errors)[:, :parameters].max() < exact
-    assert np.isnan(found.estimate[:, parameters:]).all()
-    alone = fit(mounts.of(slice(3, 4)), Observed._make(each[3:4] for each in seen), parameters=parameters)
-    for one, all_of in zip(alone, found, strict=True):
-        np.testing.assert_array_equal(one[0], all_of[3])

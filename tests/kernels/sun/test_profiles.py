@@ -2,33 +2,15 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import curve_fit
 
 from heliosweep.families.backward_gazing.compute import formula_fit
-from heliosweep.kernels.profiles import (
-    EPS_MAX,
-    jose,
-    noisy,
-    normal_draws,
-    render,
-    scaled,
-    smooth_fit,
-    smoothed,
-    tabulated,
-)
+from heliosweep.kernels.profiles import EPS_MAX, jose, noisy, normal_draws, render, smoothed, tabulated
 from tests.kernels.gazing import twin
 from tests.kernels.sun.curves import evaluate, invert
 
 ANGLES = np.concatenate([np.linspace(1e-6, 1.2, 500), [0.9994, 0.9996, 0.99999, 1.00001]]) * EPS_MAX
-
-
-def kinds():
-    clean = jose()
-    table = noisy(clean, 0.012, seed=3)
-    return [clean, table, smooth_fit(table), smoothed(table, 3.0), scaled(clean, 0.02), scaled(table, -0.03)]
 
 
 def test_oracle():
@@ -42,35 +24,6 @@ def test_oracle():
 def test_jose_is_the_formula():
     np.testing.assert_allclose(render(jose(), ANGLES), twin.jose(ANGLES), rtol=1e-14)
     np.testing.assert_allclose(render(jose(0.5, 4.6e-3, 2.0), ANGLES), twin.jose(ANGLES, 0.5, 4.6e-3, 2.0), rtol=1e-13)
-
-
-@given(st.floats(0.0, 1.3), st.floats(0.0, 0.95), st.floats(1.5, 4.0))
-def test_jose_and_its_inverse(place, limb, power):
-    profile = jose(limb, EPS_MAX, power)
-    angle = place * EPS_MAX
-    value, slope = evaluate(profile, angle)
-    # Brightness is rounded, and near the centre it hardly falls.
-    room = 1e-15 / max(abs(float(slope)), 1e-30) if place > 0 else 1.0
-    assert abs(float(invert(profile, value)) - angle) < 1e-13 * EPS_MAX + 4 * min(room, 2e-4 * EPS_MAX)
-
-
-def test_falling_table_and_its_inverse():
-    table = tabulated(twin.jose(np.linspace(0.0, EPS_MAX, 200)))
-    assert np.all(np.diff(table.table) <= 0.0)
-    angles = np.linspace(0.0, 1.2, 333) * EPS_MAX
-    np.testing.assert_allclose(invert(table, evaluate(table, angles)[0]), angles, atol=1e-13 * EPS_MAX)
-    assert invert(table, 1.5) == 0.0
-    np.testing.assert_allclose(render(table, table.step * np.arange(200)), table.table, rtol=1e-13)
-
-
-def test_rising_tables_have_the_least_envelope():
-    table = noisy(jose(), 0.012, seed=1)
-    assert np.any(np.diff(table.table) > 0.0)
-    assert np.all(np.diff(table.envelope) <= 0.0)
-    assert np.all(table.envelope >= table.table)
-    assert all(table.envelope[k] == table.table[k:].max() for k in range(120))
-    angles = invert(table, np.linspace(0.3, 1.1, 999))
-    assert np.all(np.diff(angles) <= 1e-18)
 
 
 def test_noise_is_keyed_by_seed_and_node():
@@ -96,22 +49,6 @@ def test_smoothing_is_a_gaussian_over_the_continued_profile():
         expected = gaussian_filter1d(whole, nodes, truncate=9.0)[119:239]
         np.testing.assert_allclose(smoothed(table, nodes).table, expected, atol=1e-6)
     assert smoothed(table, 0.0) is table
-
-
-def test_smooth_fit_finds_a_jose_profile():
-    fit = smooth_fit(tabulated(twin.jose(np.linspace(0.0, EPS_MAX, 120))))
-    np.testing.assert_allclose(fit[2:6], [0.679, 0.321, 0.0, 0.0], atol=1e-12)
-    angles = np.linspace(0.05, 0.99, 99) * EPS_MAX
-    np.testing.assert_allclose(invert(fit, render(fit, angles)), angles, rtol=1e-4)
-
-
-def test_uneven_angles_are_interpolated():
-    angle = np.array([0.0, 1.0, 1.5, 3.0]) * 1e-3
-    table = tabulated([1.0, 0.9, 0.8, 0.2], angle=angle)
-    assert table.radius == 3e-3
-    np.testing.assert_allclose(render(table, angle), [1.0, 0.9, 0.8, 0.2], rtol=1e-12)
-    even = tabulated([1.0, 0.9, 0.2], angle=[0.0, 1e-3, 2e-3])
-    assert even.table.size == 3
 
 
 @pytest.mark.parametrize(
