@@ -36,15 +36,15 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     **{f"aim_{axis}": (("heliostat",), "m", f"{words} of the aim point")
        for axis, words in (("x", "east"), ("y", "north"), ("z", "height"))},
     "aimed_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux with the chosen aim points"),
-    "unlimited_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux with the best aim points without a limit"),
-    "flux_price": (("flux_row", "flux_column"), "m2", "power gained per unit of the limit of a cell"),
+    "unlimited_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux with the best aim points if there is no limit"),
+    "flux_price": (("flux_row", "flux_column"), "m2", "power gained per unit increase of the flux limit in a cell"),
     "aimed_power": ((), "MW", "power on the receiver with the chosen aim points"),
-    "unlimited_power": ((), "MW", "power with the best aim points without a limit"),
-    "power_bound": ((), "MW", "upper bound of the power with any aim points under the limit"),
+    "unlimited_power": ((), "MW", "power on the receiver with the best aim points if there is no limit"),
+    "power_bound": ((), "MW", "upper bound of the power over all choices of aim points within the limit"),
     "aimed_peak_flux": ((), "kW m-2", "maximum flux of a cell"),
     "unlimited_peak_flux": ((), "kW m-2", "maximum flux of a cell without a limit"),
     "limit_loss": ((), "1", "fraction of the unlimited power that is lost due to the limit"),
-    "aim_gap": ((), "1", "maximum gain by other aim points, as a fraction of the bound"),
+    "aim_gap": ((), "1", "maximum power that other aim points could gain, as a fraction of the bound"),
     "stowed_heliostats": ((), "1", "number of stowed heliostats"),
 }  # fmt: skip
 
@@ -465,7 +465,9 @@ def flux_limited_aims(
         raise ValueError(f"`aims`: {words}; move it, or reduce `azimuth_span`")
     if (size := image_bytes(scene.receiver.kind, count, len(points), flux_map, rays)) > memory:
         words = f"images of {count:,} heliostats with {len(points)} aims need up to {size / 1e9:.2g} GB"
-        raise ValueError(f"`memory`: {words}; reduce the aim points or the cells of `flux_map`, or increase `memory`")
+        raise ValueError(
+            f"`memory`: {words}; reduce the number of aim points or of cells in `flux_map`, or increase `memory`"
+        )
     most = np.asarray(limit, np.float64)
     most = np.broadcast_to(most[:, np.newaxis] if most.ndim == 1 else most, flux_map)
     if not (most > 0.0).all():

@@ -261,7 +261,9 @@ def build(study: Source) -> xr.Dataset:
     study = study if isinstance(study, Study) else load(study)
     if study.search is not None:
         raise StudyError(
-            study.problem("search", "cannot be built lazily: its points depend on earlier points; run it instead")
+            study.problem(
+                "search", ("cannot be built lazily: its points depend on earlier points; run the study instead")
+            )
         )
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
 
@@ -345,7 +347,7 @@ def run(
         remove_leftovers(folder)
         task = _run_of(study, folder)
         if task.study_id != study.study_id:
-            raise StudyError(Problem("the files of the study were changed during the wait; run it again"))
+            raise StudyError(Problem("the files of the study changed while the run was waiting; run the study again"))
         try:
             if report and (table := study.report.published) is not None:  # find problems in the table before the run
                 from heliosweep.report import comparison

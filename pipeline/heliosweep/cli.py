@@ -187,7 +187,9 @@ COMMANDS: dict[str, Command] = {
         (
             _argument("source", metavar="STUDY.yaml|FIELD.csv|DIR"),
             _argument(
-                "target", metavar="FILE.csv", help="or STUDY.yaml, to write a study of a PAINT folder with its tables"
+                "target",
+                metavar="FILE.csv",
+                help=("or STUDY.yaml to write a study, with its tables, from a PAINT folder"),
             ),
             _argument(
                 "--to",
@@ -195,7 +197,7 @@ COMMANDS: dict[str, Command] = {
                 help="format (default: solarpilot; csv for a PAINT folder); spots: measured spots of a PAINT folder; "
                 "corrections: estimated errors of a calibration, for the controller",
             ),
-            _argument("--select", **_SELECT, help="choose a point of a result with several (repeatable)"),
+            _argument("--select", **_SELECT, help="choose one point of a result with several points (repeatable)"),
             _argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (default: receiver)"),
             _force(),
         ),

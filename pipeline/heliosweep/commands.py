@@ -111,7 +111,9 @@ def _plan(options: argparse.Namespace) -> str:
 def _run(options: argparse.Namespace) -> int:
     several = len(options.studies) > 1
     if several and options.output is not None:
-        raise StudyError(Problem("is the folder of one study; run one study, or omit it", "--output"))
+        raise StudyError(
+            Problem(("names the result folder of a single study; run only one study, or omit this option"), "--output")
+        )
     if several and not options.verbose:
         log.setLevel(logging.WARNING)  # one line for each study
     _execution(options)  # an error is printed once

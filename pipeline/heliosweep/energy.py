@@ -161,7 +161,9 @@ def error_budget(
     """
     causes = list(alone)
     if not causes or INTERACTION in causes or (without is not None and set(without) != set(causes)):
-        raise ValueError(f"`alone` and `without` must have the same causes, at least one, and none {INTERACTION!r}")
+        raise ValueError(
+            f"`alone` and `without` must have the same causes (at least one, and none named {INTERACTION!r})"
+        )
     single = np.stack(np.broadcast_arrays(*alone.values()), axis=-1)
     loss = budget_losses(undisturbed, actual, single)
     outer, units = [f"point_{k}" for k in range(loss.ndim - 1)], {"units": "MWh"}

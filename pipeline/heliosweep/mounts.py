@@ -391,7 +391,7 @@ def error_changes(
     with np.errstate(divide="ignore", invalid="ignore"):
         welch = (square + start) ** 2 / (square**2 / free + start**2 / free.isel(first))
         limit = stdtrit(welch, 0.5 + 0.5 * confidence) * np.sqrt(square + start)
-    change, words = value - value.isel(first), {"units": "mrad", "long_name": "change of the error of the mount"}
+    change, words = value - value.isel(first), {"units": "mrad", "long_name": "change of the mount error"}
     flags = {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_change unchanged changed"}
     return xr.Dataset({
         "change": change.where(later).assign_attrs(words),

@@ -47,4 +47,4 @@ def test_other_titles_and_columns_that_are_not_used(load_study) -> None:
     assert [(site.name, site.latitude, site.longitude, site.altitude) for site in site_table(study)] == [
         ("Dunhuang", 40.13, 94.67, 1100)
     ]
-    assert [*site_notes(study)] == ["sites.csv: columns that are not used: owner"]
+    assert [*site_notes(study)] == ["sites.csv: ignored columns: owner"]

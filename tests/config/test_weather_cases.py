@@ -247,7 +247,7 @@ def test_notes():
     )
     assert "has hours 0 to 23" in read_of(of_year(epw, hour=0)).notes[0]
     rows = table("time,dni,ghi,relay", lambda time, dni: f"{time:%Y-%m-%dT%H:%M}Z,{dni},1,x", 48)
-    assert read_of(rows, label="start").notes == ("columns that are not used: relay",)
+    assert read_of(rows, label="start").notes == ("ignored columns: relay",)
 
 
 @pytest.mark.parametrize(("hour", "minutes"), [(1, (30, 60)), (1, (0, 30)), (0, (30, 60)), (0, (0, 30))])
@@ -320,7 +320,7 @@ def test_both_clock_changes():
         ("time,Gb(i)\n20240101:0010,1\n20240101:0110,1\n", "a.csv:1: needs a column dni"),
         ("Radiation database: PVGIS-SARAH\ntime,Gb(i)\n20240101:0010,1\n", "has no DNI: PVGIS gives it as Gb"),
         ("hour,dni\n1,1\n2,1\n", "needs a column time, or date and time, or year, month, day and hour"),
-        ("# Time reference: True solar time (TST)\ntime,dni\n2024-01-01,1\n", "true solar time: get the file in"),
+        ("# Time reference: True solar time (TST)\ntime,dni\n2024-01-01,1\n", "true solar time: download the file in"),
         ('{"a": 1}', "is not a JSON file of PVGIS or NASA POWER"),
     ],
 )

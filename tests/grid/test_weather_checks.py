@@ -49,7 +49,7 @@ def test_located(case, good, tables):
 
 def test_what_is_right(checked):
     assert checked(SITE, CLOCK, "weather: {file: [a.epw, b.csv]}", "limits: {wind_speed: 10}").notes() == [
-        "b.csv: columns that are not used: Cloud Type"
+        "b.csv: ignored columns: Cloud Type"
     ]
     checked("sites: [{file: a.epw}, {file: far.epw}]", CLOCK, "weather: {file: [a.epw, far.epw]}")
     checked("site: {file: b.csv}", CLOCK, "weather: {file: calm.csv, label: start}")  # a CSV file names no place

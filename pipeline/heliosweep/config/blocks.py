@@ -228,7 +228,7 @@ class Output(Block):
     #: Flags that add scalar results, with one number for each point. A search enables these flags.
     OF_POINTS: ClassVar[tuple[str, ...]] = ()
 
-    time_series: Annotated[bool, Flag("Also store the values at each instant")] = False
+    time_series: Annotated[bool, Flag("Also store the variables at each instant")] = False
     format: Annotated[
         str,
         Choice("Format of the result", {"netcdf": "one file, result.nc"}, sweep=False),
@@ -242,7 +242,10 @@ class Output(Block):
         ),
     ] = "none"
     compression_level: Annotated[
-        int, Quantity("Level of compression, 1 fast to 9 small", "1", ge=1, le=9, integer=True, sweep=False)
+        int,
+        Quantity(
+            ("Compression level from 1 (fastest) to 9 (smallest file)"), "1", ge=1, le=9, integer=True, sweep=False
+        ),
     ] = 4
 
     @model_validator(mode="before")
@@ -434,7 +437,9 @@ class Dataset(Block):
         Field(description="Keywords in addition to the keywords of the family"),
     ] = ()
     version: Annotated[str | None, Text("Version of the data set, such as '1.0'")] = None
-    publisher: Annotated[str | None, Text("Repository or institution that publishes it, such as Zenodo")] = None
+    publisher: Annotated[str | None, Text("Repository or institution that publishes the data set, such as Zenodo")] = (
+        None
+    )
     funding: Annotated[tuple[Funding, ...], Field(description="Sources of funding")] = ()
     naming_authority: Annotated[
         str | None,

@@ -38,7 +38,7 @@ SYNONYMS = {
     "slope": "give 'optics.slope_error', in mrad",
     "pixel": "sizes of cameras are in 'camera'; spots are given in metres",
     "dni": "direct irradiance comes from 'weather', or from 'design_point.dni' for one instant",
-    "haurwitz": "haurwitz has only the global irradiance, not the direct one",
+    "haurwitz": "the model haurwitz gives only the global irradiance, not the direct irradiance",
     "related": "list publications in 'references'",
     "contact": "give the 'email' of a creator",
     "frames": "give one 'image', such as the median of images of the sun shifted to a common centre",

@@ -22,7 +22,8 @@ _Heliostats = Annotated[
     int | Sweep | None, Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="heliostat_count")
 ]
 _InnerRadius = Annotated[
-    float | Sweep, Quantity("Radius around the tower without heliostats", "m", ge=0, title="inner radius")
+    float | Sweep,
+    Quantity(("Radius of the circle around the tower that contains no heliostats"), "m", ge=0, title="inner radius"),
 ]
 
 
@@ -62,7 +63,10 @@ class RadialStagger(Block):
     spacing: Annotated[
         str | Sweep | None,
         Choice(
-            "Rule for distances of rings and neighbours that increase with the distance from the tower",
+            (
+                "Rule by which the distances between rings and between neighbours increase with the distance from "
+                "the tower"
+            ),
             {
                 "delsol": "the empirical spacing of DELSOL3 (Kistler 1986), which increases with the distance",
                 "no_blocking": "rings as close as possible without blocking by the heliostat in front at the "
@@ -155,13 +159,13 @@ class Terrain(Block):
     ] = None
     slope: Annotated[
         float | Sweep | None,
-        Quantity("Slope of plane ground, instead of a grid", "deg", ge=0, le=45, dimension="terrain_slope",
+        Quantity("Slope of plane ground, instead of a grid of heights", "deg", ge=0, le=45, dimension="terrain_slope",
                  title="slope of the ground"),
     ] = None  # fmt: skip
     azimuth: Annotated[
         float | Sweep | None,
-        _azimuth("Azimuth in which plane ground falls, clockwise from north", "terrain_azimuth",
-                 "azimuth in which the ground falls"),
+        _azimuth("Azimuth towards which plane ground falls, clockwise from north", "terrain_azimuth",
+                 "azimuth towards which the ground falls"),
     ] = None  # fmt: skip
 
     def rules(self) -> Iterable[Fault]:
@@ -179,11 +183,11 @@ class Layout(Block):
     file: Annotated[
         str | Sweep | None,
         FileName("CSV table of heliostats: columns x, y and optional z in m, properties of heliostats and labels; a "
-                 "pattern such as layouts/*.csv is swept", dimension="layout"),
+                 "file pattern such as layouts/*.csv defines a sweep", dimension="layout"),
     ] = None  # fmt: skip
     table: Annotated[
         dict[str, tuple[Any, ...]] | None,
-        Field(description="Columns of such a table by name, as lists: x, y and others", min_length=1),
+        Field(description="Columns of the layout table by name, as lists: x, y and others", min_length=1),
     ] = None
     radial_stagger: Annotated[RadialStagger | None, Field(description="Rings around the tower")] = None
     spiral: Annotated[Spiral | None, Field(description="Phyllotaxis spiral around the tower")] = None
@@ -195,24 +199,25 @@ class Layout(Block):
     boundary: Annotated[
         str | Sweep | None,
         FileName(
-            "Polygons that contain the centres of the heliostats, as GeoJSON or WKT, in m east and north of the tower"
+            "Polygons that must contain the heliostat centres, as GeoJSON or WKT, in m east and north of the tower"
         ),
     ] = None
     exclude: Annotated[
         str | Sweep | None,
-        FileName("Polygons without centres of heliostats, such as roads, in the form of 'boundary'"),
+        FileName("Polygons that must not contain heliostat centres, such as roads, in the formats of 'boundary'"),
     ] = None
     margin: Annotated[
         float | Sweep | None,
-        Quantity("Distance of centres from the edges of 'boundary' and 'exclude'; half the diagonal of a mirror "
-                 "keeps mirrors clear of these edges", "m", ge=0, dimension="boundary_margin",
-                 title="distance of centres from the boundary"),
+        Quantity("Minimum distance of heliostat centres from the edges of 'boundary' and 'exclude'; half the "
+                 "diagonal of a mirror keeps mirrors clear of these edges", "m", ge=0, dimension="boundary_margin",
+                 title="distance of heliostat centres from the boundary"),
     ] = None  # fmt: skip
     terrain: Annotated[Terrain | None, Field(description="Heights of the ground (default: level)")] = None
     origin: Annotated[
         tuple[float, float] | None,
         Numbers("Position of the tower in the coordinates of 'file' or 'table', or of 'boundary', 'exclude' and the "
-                "grid of 'terrain', for example UTM coordinates, whose axes are used as east and north", "m",
+                "grid of 'terrain', for example UTM coordinates. The axes of these coordinates are treated as east "
+                "and north", "m",
                 ("east", "north")),
     ] = None  # fmt: skip
 
@@ -241,7 +246,7 @@ class Layout(Block):
             return
         for key in GROUND:
             if getattr(self, key) is not None:
-                yield Fault(f"is only used for generated layouts: remove it, or '{given[0]}'", (key,), show_value=False)
+                yield Fault(f"applies only to generated layouts: remove it, or '{given[0]}'", (key,), show_value=False)
 
     def _ground_rules(self, generator: str) -> Iterable[Fault]:
         heights, areas = self.terrain and self.terrain.file, {"boundary": self.boundary, "exclude": self.exclude}

@@ -175,7 +175,7 @@ class Sample(Block):
             {
                 SOBOL: "eight independently scrambled Sobol sequences; the most accurate",
                 LATIN: "one draw in each stratum of each key, with one stratum per draw; a longer sample does not "
-                "begin with the shorter sample",
+                "begin with the draws of a shorter sample",
                 RANDOM: "independent draws",
             },
             sweep=False,
@@ -188,7 +188,7 @@ class Sample(Block):
             {
                 SOBOL: "variance-based: first-order and total index of each key, from size x (keys + 2) draws",
                 MORRIS: "elementary effects of each key along trajectories, from size x (keys + 1) draws",
-                LOCAL: "change of the result with one standard deviation of each key, from 2 x keys + 1 draws",
+                LOCAL: "change of the result if each key changes by one standard deviation, from 2 x keys + 1 draws",
             },
             sweep=False,
         ),
@@ -215,14 +215,15 @@ class Sample(Block):
         kind, size = self.sensitivity, self.size
         purpose, own_design = f"cannot be used with 'sensitivity: {kind}'", kind in (MORRIS, LOCAL)
         wrong = (
-            ("size", kind == LOCAL and size is not None, f"{purpose}, whose steps follow from the keys: remove it"),
+            ("size", kind == LOCAL and size is not None,
+             f"{purpose}, which determines its own number of draws: remove it"),
             ("design", own_design and self.design != SOBOL, f"{purpose}, which has its own: remove it"),
             ("design", kind == SOBOL and self.design == LATIN, f"{purpose}: use sobol or random"),
-            ("correlation", kind and self.correlation, "cannot be used with a sensitivity, which needs independent "
-             "keys: remove it"),
-            ("groups", self.groups and not kind, "need a sensitivity, which is not given: remove this key"),
-            ("statistics", own_design and self.statistics != SampleStatistics(), f"{purpose}, whose draws follow no "
-             "distribution: remove it"),
+            ("correlation", kind and self.correlation, "cannot be used with 'sensitivity', which requires "
+             "independent keys: remove it"),
+            ("groups", self.groups and not kind, "require 'sensitivity', which is not set: remove this key"),
+            ("statistics", own_design and self.statistics != SampleStatistics(), f"{purpose}, because its draws "
+             "do not follow the distributions: remove it"),
         )  # fmt: skip
         for key, applies, message in wrong:
             if applies:
@@ -252,7 +253,7 @@ def sample_problems(study: Study) -> Iterator[Problem]:
     drawn = list(dict.fromkeys(columns.values()))
     if sample is None or not drawn:
         form = "write a distribution instead of a number, such as {normal: [mean, standard deviation]}"
-        message = f"there is no distribution to draw from; {form}, or remove 'sample'"
+        message = f"no key has a distribution; {form}, or remove 'sample'"
         if drawn:
             message = "is a distribution, but the number of draws is missing: add 'sample: {size: 256}'"
         yield from (study.problem(key, message) for key in [*drawn[:1], *["sample"] * (sample is not None)])
@@ -268,7 +269,8 @@ def sample_problems(study: Study) -> Iterator[Problem]:
     if all(len(pair) == 2 and pair <= set(drawn) for pair in pairs):
         if _factor(sample, drawn) is None:
             message = (
-                "correlations are impossible, because the matrix is not positive definite: use smaller correlations"
+                "these correlations are impossible, because their matrix is not positive definite: use smaller "
+                "correlations"
             )
             yield study.problem("sample.correlation", message)
         elif (draws := len(design_of(study))) > MAX_SIZE:

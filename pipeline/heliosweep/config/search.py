@@ -105,7 +105,7 @@ class Search(Block):
     ] = 0  # fmt: skip
     subject_to: Annotated[
         dict[str, Limit],
-        Field(description="Results that must stay within bounds, with 'at_least' or 'at_most' for each"),
+        Field(description="Results with bounds, given by 'at_least' or 'at_most' for each result"),
     ] = Field(default_factory=dict)
 
     def rules(self) -> Iterator[Fault]:
@@ -212,9 +212,13 @@ def search_problems(study: Study) -> Iterator[Problem]:
         elif not isinstance(value, int | float | str | Sweep):
             yield study.problem(key, "is both drawn from a distribution and searched: give one value, or remove it")
         elif isinstance(extent, dict) and not isinstance(value, Sweep) and value not in extent["choice"]:
-            yield study.problem(key, f"is the start of the search and must be {one_of(map(str, extent['choice']))}")
+            yield study.problem(
+                key, f"is the starting value of the search and must be {one_of(map(str, extent['choice']))}"
+            )
         elif isinstance(extent, tuple) and not isinstance(value, Sweep) and not extent[0] <= value <= extent[1]:
-            message = f"is the start of the search and must be between {extent[0]:g} and {extent[1]:g}, its bounds"
+            message = (
+                f"is the starting value of the search and must be between {extent[0]:g} and {extent[1]:g}, its bounds"
+            )
             yield study.problem(key, message)
     if study.report.published is not None:
         yield study.problem("report.published", "is for sweeps: remove it from a search")

@@ -121,8 +121,8 @@ class ClearSky(Block):
             {
                 "ineichen": "Ineichen and Perez (2002), by Linke turbidity",
                 "simplified_solis": "Ineichen (2008), by aerosol optical depth and precipitable water",
-                "meinel": "Meinel and Meinel (1976): 1367 * 0.7^(AM^0.678) W/m2, AM the air mass",
-                "ashrae": "ASHRAE (1972): A exp(-B / sin(elevation)), A and B by month",
+                "meinel": "Meinel and Meinel (1976): 1367 * 0.7^(AM^0.678) W/m2, with the air mass AM",
+                "ashrae": "ASHRAE (1972): A exp(-B / sin(elevation)), with A and B for each month",
             },
             dimension="clear_sky_model",
             title="clear-sky model",
@@ -165,15 +165,15 @@ class Weather(Block):
         str | Sweep | None,
         FileName(
             "Weather file: EPW, TMY3, SAM CSV (PSM of the NSRDB), PVGIS, CAMS, NASA POWER, Solargis, SolarAnywhere, "
-            "or CSV with columns of time, dni [W/m2] and optionally wind_speed [m/s]. With several 'sites', one "
-            "file for each site in their order, or one file for all",
+            "or CSV with columns of time, dni [W/m2] and optionally wind_speed [m/s]. For several 'sites', give one "
+            "file for each site, in the order of the sites, or one file for all sites",
             sweep=True, dimension="weather", title="weather file",
         ),
     ] = None  # fmt: skip
     label: Annotated[
         str | None,
         Choice(
-            "Part of the interval that the time of a row marks (default: the convention of the format)",
+            "Part of the interval to which the time of a row refers (default: the convention of the format)",
             {"start": "the start of the interval", "middle": "its middle", "end": "its end"},
             sweep=False,
         ),
@@ -181,19 +181,25 @@ class Weather(Block):
     offset: Annotated[
         float | None,
         Quantity(
-            "Time from the time of a row to the instant of its sun, instead of label", "h", ge=-2, le=2, sweep=False
+            (
+                "Offset that is added to the time of a row to obtain the instant of its sun position, instead of "
+                "label"
+            ), "h", ge=-2, le=2, sweep=False
         ),
     ] = None  # fmt: skip
     timezone: Annotated[
         str | None,
         TimeZone(
-            "Time zone of times without an offset: an offset such as +08:00, or an IANA name (default: the zone in "
+            "Time zone for times without an offset: an offset such as +08:00, or an IANA name (default: the zone in "
             "the file)"
         ),
     ] = None  # fmt: skip
     dni_factor: Annotated[
         float | Sweep | None,
-        Quantity("Factor on the direct normal irradiance, for the spread between years or of the sensor (default: 1)",
+        Quantity((
+            "Factor on the direct normal irradiance, for example for the variation between years or for a sensor "
+            "error (default: 1)"
+        ),
                  "1", gt=0, le=2, title="factor on the direct normal irradiance"),
     ] = None  # fmt: skip
     clear_sky: Annotated[ClearSky | None, Field(description="A cloudless sky, with 'clock: civil'")] = None
@@ -204,7 +210,7 @@ class Weather(Block):
             yield Fault("give exactly one of 'file' and 'clear_sky'", show_value=False)
         for key in ("label", "offset", "timezone"):
             if self.file is None and getattr(self, key) is not None:
-                yield Fault("is only used for a weather file: remove it", (key,))
+                yield Fault("applies only to a weather file: remove it", (key,))
         if self.label is not None and self.offset is not None:
             yield Fault("give either 'label' or 'offset'", ("offset",))
 
@@ -282,7 +288,7 @@ def site_notes(study: Study) -> Iterator[str]:
     """Yield a warning that lists the unused columns of the table of sites."""
     sites: Any = getattr(study, "sites", None)
     if isinstance(sites, SiteFile) and (unused := _table(study, sites).unused()):
-        yield f"{sites.file}: columns that are not used: {few_of(unused)}"
+        yield f"{sites.file}: ignored columns: {few_of(unused)}"
 
 
 def places_of(study: Study) -> tuple[Site | NamedSite, ...]:

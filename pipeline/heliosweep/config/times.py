@@ -144,7 +144,7 @@ Sampling = Annotated[
         "Instants that represent a range of hours or a window",
         {
             "inclusive": "every step, including both ends",
-            "left": "every step except the last end",
+            "left": "the start of every step",
             "midpoint": "the middle of every step",
         },
         sweep=False,

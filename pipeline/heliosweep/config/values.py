@@ -197,7 +197,7 @@ def _read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
     if geometric and 0 in (start, stop):
         raise Invalid([Fault("must not be zero", (key,)) for key in ("start", "stop") if values[key] == 0])
     if geometric and (start < 0) != (stop < 0):
-        raise Invalid(Fault("must have the sign of start", ("stop",)))
+        raise Invalid(Fault("must have the same sign as start", ("stop",)))
     if num is None:
         num, stop, reaches = _stepped(start, stop, values["step"])
     elif num == 1 and start != stop:
@@ -441,8 +441,8 @@ class Drawn(Sweep):
 #: Checks of the parameters of distributions, with the position of the wrong parameter.
 _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, str], ...] = (
     ((LOGNORMAL,), lambda v: v[0] > 0, 0, "the median must be greater than 0"),
-    ((UNIFORM, TRIANGULAR), lambda v: v[0] < v[-1], 0, "the least value must be below the largest"),
-    ((TRUNCATED,), lambda v: v[2] < v[3], 2, "the least value must be below the largest"),
+    ((UNIFORM, TRIANGULAR), lambda v: v[0] < v[-1], 0, "the minimum must be less than the maximum"),
+    ((TRUNCATED,), lambda v: v[2] < v[3], 2, "the minimum must be less than the maximum"),
     (
         (TRIANGULAR,),
         lambda v: v[0] <= v[1] <= v[2],
@@ -544,7 +544,7 @@ def read_shape(
             return checked(entry)
         value = Quantity("", "1").read(entry) if "logarithm" in name else number(entry)
         if "deviation" in name and (value < 0 if fixed else value <= 0):
-            remedy = "greater than 0; write a number instead of a distribution if it does not vary"
+            remedy = "greater than 0; if the key does not vary, write a number instead of a distribution"
             raise Invalid(f"the {name} must {'not be negative' if fixed else f'be {remedy}'}")
         return value
 
@@ -1108,7 +1108,7 @@ class Uncertain(Quantity):
         readers: dict[str, Any] = {kind: partial(shape, kind) for kind in _SHAPES}
         for key, least, most in (("samples", 1, MAX_SAMPLES), ("seed", 0, MAX_SEED)):
             readers[key] = Quantity("", "1", ge=least, le=most, integer=True, sweep=False).read
-        form = "a distribution is {normal: [mean, standard deviation]} or {uniform: [least, largest]}"
+        form = "a distribution is {normal: [mean, standard deviation]} or {uniform: [minimum, maximum]}"
         values = read_mapping(raw, readers, (), form, exactly=_SHAPES)
         kind = next(kind for kind in _SHAPES if kind in values)
         return Distribution(kind, values[kind], values.get("samples"), values.get("seed"))

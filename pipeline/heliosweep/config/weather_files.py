@@ -219,7 +219,9 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
         raise StudyError(Problem(f"is not a weather file: {FORMATS}", file=sheet.name))
     preamble = "\n".join(lines[:first])
     if re.search("true solar time", preamble, re.IGNORECASE):
-        raise StudyError(Problem("has true solar time: get the file in universal time", file=sheet.name))
+        raise StudyError(
+            Problem(("contains times in true solar time: download the file in universal time"), file=sheet.name)
+        )
     signs = {
         "PVGIS": "PVGIS|Radiation database|Irradiance Time Offset", "CAMS": r"CAMS|Summarization \(integration",
         "NASA POWER": "-BEGIN HEADER-|NASA/POWER", "Solargis": "Solargis",
@@ -473,7 +475,7 @@ def _notes(table: Table, sheet: Sheet, dni: NDArray[np.float64]) -> Iterator[str
     if small := np.count_nonzero(dni < 0):
         yield f"DNI slightly below 0 in {small:,} rows (minimum {dni.min():g} W/m2) is set to 0"
     if unused := table.unused() if sheet.kind not in ("EPW", "TMY3") else []:  # these formats have fixed columns
-        yield f"columns that are not used: {few_of(unused)}"
+        yield f"ignored columns: {few_of(unused)}"
 
 
 def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
@@ -517,7 +519,7 @@ def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDA
             table.add(f"{key} must be a time such as 2021-06-21T12:00+01:00 (got {text[:40]!r}){remedy}", row, key)
             continue
         if not FIRST_YEAR <= stamp.year <= LAST_YEAR:
-            table.add(f"{key} must be of the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})", row, key)
+            table.add(f"{key} must be in the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})", row, key)
         walls[row] = np.datetime64(stamp.replace(tzinfo=None), "s") + np.timedelta64(begun != time, "D")
         if (offset := stamp.utcoffset()) is not None:
             offsets[row] = offset.total_seconds()
@@ -620,7 +622,7 @@ def _step(
         messages = {
             f"repeats the time of the previous row: remove one of them{change}": gap == 0,
             "is earlier than the previous row: sort the rows; months of several years must form one year": gap < 0,
-            f"is {gap:g} minutes after the row before, not {step:g}": gap % step > 0,
+            f"is {gap:g} minutes after the previous row, not {step:g}": gap % step > 0,
             f"comes after a gap: {gap / step - 1:,.0f} rows of {step:g} minutes are missing before it": True,
         }
         table.add(next(message for message, applies in messages.items() if applies), row + 1)

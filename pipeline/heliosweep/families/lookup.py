@@ -62,25 +62,25 @@ WIDE = 0.1
 
 #: Statistics of each variable by the suffix of their name: additional dimension, long name, and True if dimensionless.
 _STATISTICS: dict[str, tuple[str, str, bool]] = {
-    "sample_mean": ("", "mean over the draws of the {}", False),
-    "sample_standard_deviation": ("", "sample standard deviation over the draws of the {}", False),
-    "sample_standard_error": ("", "standard error of the mean over the draws of the {}", False),
-    "sample_percentile": (PERCENTILE, "percentiles over the draws of the {}", False),
+    "sample_mean": ("", "mean of the {} over the draws", False),
+    "sample_standard_deviation": ("", "sample standard deviation of the {} over the draws", False),
+    "sample_standard_error": ("", "standard error of the mean of the {} over the draws", False),
+    "sample_percentile": (PERCENTILE, "percentiles of the {} over the draws", False),
 }
 _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
     SOBOL: {
-        "first_order_index": (PARAMETER, "part of the variance of the {} that each parameter explains alone", True),
+        "first_order_index": (PARAMETER, "fraction of the variance of the {} that each parameter explains alone", True),
         "first_order_interval": (
             PARAMETER,
-            "half the width of the 95 % interval of the first-order index of the {}",
+            "half-width of the 95 % interval of the first-order index of the {}",
             True,
         ),
         "total_index": (
             PARAMETER,
-            "part of the variance of the {} that each parameter explains alone and by interactions",
+            "fraction of the variance of the {} that each parameter explains alone and by interactions",
             True,
         ),
-        "total_interval": (PARAMETER, "half the width of the 95 % interval of the total index of the {}", True),
+        "total_interval": (PARAMETER, "half-width of the 95 % interval of the total index of the {}", True),
     },
     MORRIS: {
         "effect_mean": (PARAMETER, "mean elementary effect of each parameter on the {}", False),
@@ -88,8 +88,8 @@ _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
         "effect_standard_deviation": (PARAMETER, "standard deviation of the elementary effects on the {}", False),
     },
     LOCAL: {
-        "change_down": (PARAMETER, "change of the {} with one standard deviation less of each parameter", False),
-        "change_up": (PARAMETER, "change of the {} with one standard deviation more of each parameter", False),
+        "change_down": (PARAMETER, "change of the {} if each parameter decreases by one standard deviation", False),
+        "change_up": (PARAMETER, "change of the {} if each parameter increases by one standard deviation", False),
     },
 }
 
@@ -122,7 +122,7 @@ class Sampled(Wrapped):
         own = [*work.inner, *(name for name in work.parameters if name != SAMPLE)]
         for dim in (dim for dim in (*self._sizes(study), SAMPLE) if dim in own):
             raise StudyError(
-                study.problem("sample", f"the result has a dimension {dim!r} and cannot have another one for draws")
+                study.problem("sample", f"the result has a dimension {dim!r} and cannot have a second one for draws")
             )
         length = work.inner.get(work.splittable, 1)
         return replace(
@@ -259,13 +259,13 @@ def _words(study: Study) -> str:
     """Describe the sampling design, and how standard errors of means and confidence intervals of indices are found."""
     design = design_of(study)
     if design.sensitivity == LOCAL:
-        return "the median of all keys, and of each parameter one standard normal deviate down and up"
+        return "the medians of all keys, then each parameter one standard normal deviate below and above its median"
     if design.sensitivity == MORRIS:
         return f"{design.size} trajectories of elementary effects, four levels from the 12.5 to the 87.5 % quantile"
     what = {
         SOBOL: f"{REPLICATES} Sobol sequences, scrambled independently, draw k of sequence k modulo {REPLICATES}; "
-        "standard errors are of the mean of the means of the sequences",
-        RANDOM: "independent draws; standard errors from their deviation",
+        "standard errors are computed from the means of the sequences",
+        RANDOM: "independent draws; standard errors are computed from their standard deviation",
     }.get(
         design.kind,
         "Latin hypercube; standard errors are computed as for independent draws and are therefore too large",
@@ -363,10 +363,8 @@ class Searched(Wrapped):
                 hint = f"; with '{name}' in their names are {few_of(alike)}" if alike else did_you_mean(name, known)
                 if (key := self.inner.optional.get(result_name(name, self.inner.optional))) is not None:
                     hint = f"; with '{key}' it is"
-                why = f"{in_short(name)} is no result of this study{hint}"
-            there = (
-                f"results of one number are {', '.join(known)}" if known else "no result is one number at each point"
-            )
+                why = f"{in_short(name)} is not a result of this study{hint}"
+            there = f"scalar results are {', '.join(known)}" if known else "no result has a single number at each point"
             yield study.source.problem(place, f"{why}; {there}")
 
     def variables(self, study: Any) -> dict[str, Variable]:

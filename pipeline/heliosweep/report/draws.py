@@ -31,9 +31,12 @@ _KINDS: dict[str, tuple[str, dict[str, str], str]] = {
         "Change of the result as the key goes from its 12.5 to its 87.5 % quantile.",
     ),
     "local": (
-        "Change of the {} with one standard deviation of each key",
+        "Change of the {} if each key changes by one standard deviation",
         {"change_down": "one standard deviation less", "change_up": "one standard deviation more"},
-        "Change of the result with one standard deviation less and more; the other keys have their median.",
+        (
+            "Change of the result if a key decreases or increases by one standard deviation; all other keys are at "
+            "their medians."
+        ),
     ),
 }  # fmt: skip
 

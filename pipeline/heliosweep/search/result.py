@@ -40,7 +40,7 @@ _OWN = {
     ),
     "best": flags(
         (EVALUATION,),
-        "flag for evaluations that are not surpassed by another evaluation",
+        "flag for evaluations that no other evaluation improves on",
         {0: "another_is_better", 1: "no_other_is_better"},
         "for two objectives, the Pareto front: no other evaluation is better in one objective without being worse "
         "in the other",

@@ -165,7 +165,11 @@ def _check(study: Study, values: Mapping[str, Any]) -> None:
         ("receiver.kind", kind != "cylinder", f"must be cylinder, the external receiver of SAM (got {kind})"),
         ("site", "site.latitude" not in values, "is missing: SAM needs one site"),
         ("site.horizon", horizon, "is not supported by SAM: remove it"),
-        ("economics.currency", currency not in (None, "USD"), f"must be USD, as SAM's other costs (got {currency})"),
+        (
+            "economics.currency",
+            currency not in (None, "USD"),
+            f"must be USD, because SAM's other costs are in USD (got {currency})",
+        ),
         (losses, values.get(losses), "is not supported by SAM: use 'per_area'"),
         ("weather.file", files != 1, f"must be one file with all hours of a year (got {files} files)"),
     )

@@ -174,7 +174,7 @@ def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr
     whole = flux.sum("flux_column", min_count=1)
     if (whole <= 0).any():
         raise StudyError(Problem("no light reaches the receiver for some directions of the sun", "flux_map"))
-    return (flux / whole).assign_attrs(units="1", long_name="share of the light of the receiver on a column")
+    return (flux / whole).assign_attrs(units="1", long_name="fraction of the receiver's light on a column")
 
 
 def _over_directions(

@@ -30,7 +30,7 @@ def test_profile_that_rises_is_used_with_a_warning(tmp_path):
     assert len(said) == 1
     assert said[0].endswith(
         "the brightness rises in 1 of 4 steps from the centre to the edge: noise? method A inverts the "
-        "lowest decreasing curve above it"
+        "lowest decreasing curve above the profile"
     )
     before = study(sun=sun, sun_profile="table").study_id
     assert "is not used" in study(sun=sun).notes()[0]
@@ -44,7 +44,7 @@ def test_a_heliostat_at_the_foot_of_the_tower_has_a_note(tmp_path):
     path.write_text("x,y\n0,100\n0,0\n", encoding="utf-8")
     field = {"latitude": 37, "day": 81, "hours": 12, "layout": {"file": str(path)}, "receiver_height": 95}
     blocks: dict[str, Any] = {"heliostat": {"pixel": 0.3}, "target": None, "sun": None}
-    assert [note.partition(",")[0] for note in study(field=field, **blocks).notes()] == [
+    assert [note.partition(".")[0] for note in study(field=field, **blocks).notes()] == [
         "heliostat 1 (line 3) is at the foot of the tower"
     ]
     assert study(field={**field, "facing": "fixed"}, **blocks).notes() == []

@@ -193,7 +193,7 @@ def test_a_site_in_the_polar_night_is_missing_and_told(small):
     }
     study = small(**dark, site={"latitude": [20, 80], "longitude": 0})
     assert study.notes() == [
-        "the sun is down at the design point at latitude 80 deg: values of this site are missing (NaN)",
+        "the sun is down at the design point at latitude 80 deg: results for this site are missing (NaN)",
         "the sun never rises at latitude 80 deg: its efficiencies are missing (NaN), and its energies are 0",
         "at 1 of 2 points there is no instant at which the field operates",
     ]

@@ -196,7 +196,7 @@ def test_maps_of_several_files_are_one_file(field, tmp_path):
             group = file.create_group(f"facet{number}")
             group["surface_points"] = [(x, y, 0.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
             group["surface_normals"] = [(0.0, 0.0, 1.0)] * 4
-    with pytest.raises(StudyError, match="its facets lie on one another"):
+    with pytest.raises(StudyError, match="its facets overlap"):
         heliosweep.read_slope_map(tmp_path / "local.h5")
     with h5py.File(tmp_path / "empty.h5", "w") as file:
         file.create_group("facet1")

@@ -148,7 +148,7 @@ def test_a_table_of_a_camera_system(plant):
         "z": {"from": "y", "scale": -0.012},
     }  # fmt: skip
     study = plant(camera, columns=columns, timezone="Europe/Madrid")
-    assert any("columns that are not used: exposure" in note for note in study.notes())
+    assert any("ignored columns: exposure" in note for note in study.notes())
     result = api.build(study).compute()
     np.testing.assert_allclose(result["estimated_error"], plain["estimated_error"], atol=1e-9)
     np.testing.assert_array_equal(result["spot_time"], plain["spot_time"])

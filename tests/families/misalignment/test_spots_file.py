@@ -106,7 +106,7 @@ def test_a_name_that_is_a_number_is_a_name(read):
         ("A1,2024-06-21T09:30:00,0,0", "spots.csv:3:4: time needs an offset from UTC, such as +02:00 or Z"),
         ("A1,21.06.2024 09:30,0,0", "time must be an ISO 8601 time"),
         ("A1,2024-13-21T09:30Z,0,0", "time must be an ISO 8601 time"),
-        ("A1,1024-06-21T09:30Z,0,0", "time must be of the years 1700 to 2200"),
+        ("A1,1024-06-21T09:30Z,0,0", "time must be in the years 1700 to 2200"),
         ("A1,0,0", "has 3 fields, but the header has 4"),
         (f"A1,{TIME},0,0,0", "has 5 fields, but the header has 4"),
     ],

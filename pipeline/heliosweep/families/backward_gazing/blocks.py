@@ -29,7 +29,7 @@ from heliosweep.kernels.gazing.geometry import themis_8
 METHODS = {
     "A": "analytic: slopes of the wavefront by linear least squares",
     "O1": "optimised: slopes of the wavefront by Nelder-Mead",
-    "O2": "optimised with rays traced back: slopes of the mirror by Nelder-Mead",
+    "O2": "optimised with backward ray tracing: slopes of the mirror by Nelder-Mead",
     "LM": "the merit function of O2, minimised by Levenberg-Marquardt",
 }
 REFERENTIALS = {
@@ -38,13 +38,13 @@ REFERENTIALS = {
     "exact": "with the exact Jacobian",
 }
 PROFILES = {
-    "jose": "the generalised formula of Jose",
-    "noisy": "the formula of Jose in a table with noise, see profile_noise",
+    "jose": "Jose's generalised formula",
+    "noisy": "a table of Jose's formula with noise, see profile_noise",
     "table": "the table of sun.profile",
 }
 FIT_PROFILES = {
     "table": "the table itself, as in the methods of the paper; the default of mode: simulated",
-    "smooth": "the smooth curve that fits the table best, without its noise; the default of mode: measured",
+    "smooth": "a smooth curve fitted to the table, which removes its noise; the default of mode: measured",
 }
 
 Two = tuple[float, float]
@@ -164,22 +164,22 @@ class Sun(Block):
     ] = None
     pixel_angle: Annotated[
         float | None,
-        Quantity("Angle of a pixel of the sun's image (default: fitted to the angular radius)",
+        Quantity("Angular size of a pixel in the sun's image (default: fitted to the angular radius)",
                  "mrad", gt=0, sweep=False),
     ] = None  # fmt: skip
     limb_brightness: Annotated[
         float | Sweep | None,
-        Quantity("A of the formula of Jose: brightness of the limb relative to the centre (default: 0.679)", "1",
+        Quantity("Parameter A of Jose's formula: brightness of the limb relative to the centre (default: 0.679)", "1",
                  ge=0, lt=1, title="brightness of the sun's limb relative to the centre, A"),
     ] = None  # fmt: skip
     limb_exponent: Annotated[
         float | Sweep | None,
-        Quantity("Exponent xi of the formula of Jose (default: 2.222)", "1", gt=0, le=20,
-                 title="exponent of the formula of Jose, xi"),
+        Quantity("Exponent xi of Jose's formula (default: 2.222)", "1", gt=0, le=20,
+                 title="exponent xi of Jose's formula"),
     ] = None  # fmt: skip
     angular_radius: Annotated[
         float | Sweep | None,
-        Quantity("eps_max of the formula of Jose, the angular radius of the disc (default: 4.36)", "mrad", gt=1,
+        Quantity("Parameter eps_max of Jose's formula, the angular radius of the disc (default: 4.36)", "mrad", gt=1,
                  le=20, title="angular radius of the sun's disc, eps_max"),
     ] = None  # fmt: skip
 
@@ -192,8 +192,8 @@ class Cameras(Block):
         Choice(
             "Arrangement of the cameras",
             {
-                "square": "upper left, upper right, lower left, lower right of a square",
-                "cross": "above, left, right and below",
+                "square": "cameras at the upper left, upper right, lower left and lower right corner of a square",
+                "cross": "cameras above, left of, right of and below the centre",
             },
             title="arrangement of the cameras",
         ),
@@ -205,8 +205,8 @@ class Cameras(Block):
     ] = 0.24  # fmt: skip
     positions: Annotated[
         tuple[Two, ...] | None,
-        ListOfNumbers("Positions of the four cameras in the target's plane, instead of arrangement and radius: to "
-                      "the east for a target that faces north, and up", "m", ("y", "z"), entries=4),
+        ListOfNumbers("Positions of the four cameras in the target's plane, instead of arrangement and radius: [y, "
+                      "z], with y to the east for a target that faces north and z upwards", "m", ("y", "z"), entries=4),
     ] = None  # fmt: skip
     noise: Annotated[
         float | Sweep,
@@ -215,26 +215,28 @@ class Cameras(Block):
     ] = 0.0  # fmt: skip
     gain_error: Annotated[
         float | Sweep,
-        Quantity("Relative error of brightness common to all cameras", "1", gt=-1, le=1,
+        Quantity("Relative brightness error, equal for all cameras", "1", gt=-1, le=1,
                  title="relative gain error of all cameras"),
     ] = 0.0  # fmt: skip
     gain_noise: Annotated[
         float | Sweep,
-        Quantity("Relative standard deviation of the level of each camera, drawn from the seed", "1",
-                 ge=0, le=1, dimension="camera_gain_noise", title="standard deviation of the cameras' levels"),
+        Quantity("Relative standard deviation of the cameras' brightness levels, drawn from the seed", "1",
+                 ge=0, le=1, dimension="camera_gain_noise", title=(
+                     "relative standard deviation of the cameras' brightness levels"
+                 )),
     ] = 0.0  # fmt: skip
     bits: Annotated[
         int | Sweep,
-        Quantity("Bits of a pixel: there are 2^bits levels up to 1.25 times the brightness of the sun's centre; 0 "
-                 "for no levels", "1", ge=0, le=24, integer=True,
-                 title="bits of a pixel"),
+        Quantity("Bits per pixel: 2^bits levels up to 1.25 times the brightness of the sun's centre; 0 for no "
+                 "rounding", "1", ge=0, le=24, integer=True,
+                 title="bits per pixel"),
     ] = 0  # fmt: skip
     images: Annotated[
         str | Sweep,
         Choice(
             "Kind of the cameras' images",
             {
-                "mirror_grid": "brightness on the grid of the mirror, as from a perfect camera",
+                "mirror_grid": "brightness on the mirror's grid, as seen by a perfect camera",
                 "camera": "images of pinhole cameras, rectified to the grid of the mirror",
                 "fourier": "images of pinhole cameras, rotated and centred by Fourier transforms, as for methods A "
                 "and O1 in the paper",
@@ -250,7 +252,7 @@ class Cameras(Block):
     ] = 3  # fmt: skip
     threshold: Annotated[
         float | Sweep,
-        Quantity("Minimum brightness of a lit camera, relative to the sun's centre", "1", gt=0, lt=1,
+        Quantity("Minimum brightness at which a camera counts as lit, relative to the sun's centre", "1", gt=0, lt=1,
                  title="minimum brightness of a lit camera"),
     ] = 0.3  # fmt: skip
     seed: Annotated[
@@ -275,7 +277,8 @@ class Defects(Block):
         ),
     ] = Field(default_factory=dict)
     canting_scale: Annotated[
-        float | Sweep, Quantity("Factor on all canting", "1", ge=-100, le=100, title="factor on the canting")
+        float | Sweep,
+        Quantity(("Factor on the canting of all modules"), "1", ge=-100, le=100, title="factor on the canting"),
     ] = 1.0
     waviness: Annotated[
         float | Sweep,
@@ -314,12 +317,16 @@ class ProfileNoise(Block):
 
     noise: Annotated[
         float | Sweep,
-        Quantity("Standard deviation of each node relative to the sun's centre", "1", ge=0, le=1,
+        Quantity((
+            "Standard deviation of the noise at each node, relative to the brightness of the sun's centre"
+        ), "1", ge=0, le=1,
                  dimension="profile_noise", title="noise of the sun's profile relative to its centre"),
     ] = 0.012  # fmt: skip
     nodes: Annotated[
         int | Sweep,
-        Quantity("Number of nodes of the table, uniform from the centre to the edge", "1", ge=4, le=4096, integer=True,
+        Quantity((
+            "Number of nodes of the profile table, equally spaced from the centre to the edge"
+        ), "1", ge=4, le=4096, integer=True,
                  title="number of nodes of the sun's profile"),
     ] = 120  # fmt: skip
     seed: Annotated[
@@ -399,11 +406,11 @@ class Metadata(Block):
     ] = None
     CAMERAY: Annotated[
         float | None,
-        _said("Position of the camera in the target's plane, to the east for a target that faces north", "m",
+        _said("Position of the camera in the target's plane, positive to the east for a target that faces north", "m",
               ge=-1e3, le=1e3),
     ] = None  # fmt: skip
     CAMERAZ: Annotated[
-        float | None, _said("Position of the camera in the target's plane, up", "m", ge=-1e3, le=1e3)
+        float | None, _said("Position of the camera in the target's plane, positive upwards", "m", ge=-1e3, le=1e3)
     ] = None
     DARK: Annotated[float | None, _said("Level of a pixel without light")] = None
     WHITE: Annotated[
@@ -424,7 +431,7 @@ class Metadata(Block):
     DISTANCE: Annotated[
         float | None, _said("Distance between the centres of heliostat and target", "m", gt=0)
     ] = None  # fmt: skip
-    PIXANGLE: Annotated[float | None, _said("Angle of a pixel of an image of the sun", "mrad", gt=0)] = None
+    PIXANGLE: Annotated[float | None, _said("Angular size of a pixel in an image of the sun", "mrad", gt=0)] = None
 
 
 class Image(Block):
@@ -459,13 +466,13 @@ class ImageGeometry(Block):
 
     rectified: Annotated[
         bool | None,
-        Flag("True if the images are on the grid of the mirror, top row first (default: true if they have its size "
-             "and neither corners nor FOCALPIX)"),
+        Flag("True if the images are on the grid of the mirror, top row first (default: true if the images have the "
+             "size of this grid and neither corners nor FOCALPIX is given)"),
     ] = None  # fmt: skip
     registration: Annotated[
         bool | None,
-        Flag("True to find shift, rotation and scale of the images from the edges of the modules (default: true "
-             "without corners and FOCALPIX); corners have priority"),
+        Flag("True to determine shift, rotation and scale of the images from the edges of the modules (default: "
+             "true if neither corners nor FOCALPIX is given); corners have priority"),
     ] = None  # fmt: skip
     dark: Annotated[
         float | None, Quantity("Level of a pixel without light (default: from metadata, otherwise 0)", "1", sweep=False)
@@ -484,6 +491,9 @@ class ImageGeometry(Block):
     ] = None  # fmt: skip
     noise: Annotated[
         float | None,
-        Quantity("Standard deviation of a pixel relative to the sun's centre (default: estimated from the residuals)",
+        Quantity((
+            "Standard deviation of the noise of a pixel, relative to the sun's centre (default: estimated from the "
+            "residuals)"
+        ),
                  "1", ge=0, sweep=False),
     ] = None  # fmt: skip

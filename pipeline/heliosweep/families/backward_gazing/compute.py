@@ -715,9 +715,10 @@ def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
     }
     for origin in how.keys() & source:
         yield (
-            f"the level of white {how[origin]}: a gain is fitted at each pixel for O1, O2 and LM, but not for A. "
-            "The ratio of the levels of cameras is unknown; with the paper's geometry, an error of 1 % shifts all "
-            "slopes by 0.06 mrad, like a pointing error. Give 'white', or WHITE in the metadata of each image"
+            f"the level of white {how[origin]}: a gain is fitted at each pixel for O1, O2 and LM, but not for A. The "
+            "ratios between the levels of the cameras are unknown; with the paper's geometry, an error of 1 % "
+            "shifts all slopes by 0.06 mrad, like a pointing error. Give 'white', or WHITE in the metadata of each "
+            "image"
         )
     gain = result["gain"].to_numpy()
     if np.any(np.abs(gain[np.isfinite(gain)] - 1.0) > 0.05) and not source & set(how):

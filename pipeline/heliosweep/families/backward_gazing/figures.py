@@ -91,7 +91,7 @@ def _errors(result: xr.Dataset, canting: dict[str, Any]) -> Iterator[Figure]:
         chosen = (*rms[:2], "usable_fraction")
         yield Grids("accuracy", "Scatter of the slopes of a module, and pixels with slopes", chosen, over=numbers[:2],
                     at=at, reduce=seeds)  # fmt: skip
-    yield Curves("sun_profile", "Brightness of the sun against the distance from the disc centre, and the fitted "
+    yield Curves("sun_profile", "Brightness of the sun against the distance from the disc centre, with the fitted "
                                 "formula of Jose",
                  ("sun_brightness", "sun_formula"), over=("disc_fraction",), lines=(PROFILE,))  # fmt: skip
 

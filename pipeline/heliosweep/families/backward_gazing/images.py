@@ -307,8 +307,8 @@ def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
         raise StudyError(Problem(f"{message}: correct sun.pixel_angle or PIXANGLE", key, name))
     rises = int(np.count_nonzero(np.diff(disc.brightness) > 0.0))
     note = (
-        f"{name}: the brightness rises in {rises} of {len(disc.brightness) - 1} rings from the centre to the "
-        "edge; the lowest decreasing curve above it is used"
+        f"{name}: the brightness rises in {rises} of {len(disc.brightness) - 1} rings from the centre to the edge; "
+        "the lowest decreasing curve above the profile is used"
     )
     angle = np.linspace(0.0, radius, len(disc.brightness))
     falling = falling_envelope(np.maximum(disc.brightness, 0.0))

@@ -107,7 +107,7 @@ class BackwardGazingStudy(Study):
         tuple[str, ...],
         Names("Conversion of slopes of the wavefront to slopes of the mirror, for A and O1", REFERENTIALS),
     ] = tuple(REFERENTIALS)
-    fit_gain: Annotated[bool, Flag("True to fit a gain for each pixel, common to all cameras; not for A")] = False
+    fit_gain: Annotated[bool, Flag("True to fit a gain at each pixel, common to all cameras; not for A")] = False
     fit_profile: Annotated[
         str | None, Choice("Profile for LM if the profile of the sun is a table", FIT_PROFILES, sweep=False)
     ] = None
@@ -138,7 +138,7 @@ class BackwardGazingStudy(Study):
         only = "is only for mode: {}: remove it, or change 'mode'"
         faults: list[Any] = [
             (isinstance(getattr(self.cameras, key), Sweep) and self.cameras.positions is not None,
-             "cannot be swept if 'positions' are given", ("cameras", key), False)
+             "cannot be swept if 'positions' is set", ("cameras", key), False)
             for key in ("arrangement", "radius")
         ] + [
             ("table" in ends(self.sun_profile) and sun.profile is sun.image is None,
@@ -271,7 +271,7 @@ def _profile(study: BackwardGazingStudy) -> Found:
     if "table" not in ends(study.sun_profile):
         yield "sun.profile is not used, because sun_profile is not 'table'"
     if note := read_disc(study.resolve(name), name).note(name):
-        yield f"{note} method A inverts the lowest decreasing curve above it"
+        yield f"{note} method A inverts the lowest decreasing curve above the profile"
 
 
 def _layout(study: BackwardGazingStudy) -> Found:
@@ -287,8 +287,8 @@ def _layout(study: BackwardGazingStudy) -> Found:
     if "heliostat" in ends(study.field.facing):
         for row in np.flatnonzero((level < _SLACK) & (near > study.heliostat.reach)).tolist():
             yield (
-                f"{layout.where(row)} is at the foot of the tower, so the direction of a target that faces it "
-                "(facing: heliostat) and its azimuths are arbitrary"
+                f"{layout.where(row)} is at the foot of the tower. Therefore the azimuths and the direction of a "
+                "target that faces this heliostat (facing: heliostat) are arbitrary"
             )
 
 

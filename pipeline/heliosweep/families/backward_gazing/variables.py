@@ -71,14 +71,14 @@ _ESTIMATES = {
         "canting_%",
         OF_MODULE,
         "% slope at the centre of a module minus the pointing of the heliostat",
-        "correction needed at the adjusting screws, relative to the ideal heliostat; modules on a sphere of another "
-        "focal length are therefore canted; from a plane through the slopes of the eroded module",
+        "correction required at the adjusting screws, relative to the ideal heliostat; modules on a sphere of "
+        "another focal length are therefore canted; from a plane through the slopes of the eroded module",
     ),
     **_both(
         "canting_%_standard_error",
         OF_MODULE,
         "standard error of the % canting",
-        "only from the scatter of the module and of the modules that determine the pointing",
+        "includes only the scatter of the slopes in the module and in the modules that determine the pointing",
     ),
     **_both("waviness_%", OF_MODULE, "root mean square of the % slopes of a module about a plane"),
     **_both(
@@ -91,7 +91,7 @@ _ESTIMATES = {
         "pointing_%_standard_error",
         OF_METHOD,
         "standard error of the % pointing",
-        "only from the scatter of the modules that determine the median, and of the focal length",
+        "includes only the scatter of the modules that determine the median, and of the focal length",
     ),
     "focal_length_estimate": quantity(OF_METHOD, "m", "focal length of the modules"),
     "focal_length_standard_error": quantity(
@@ -103,7 +103,7 @@ _ESTIMATES = {
         )
         for end in ("long", "short")
         for ending, prefix, comment in (
-            ("", "", "of the minimum and maximum curvature of its slopes; negative if convex"),
+            ("", "", "from the minimum and maximum curvature of the slopes of the module; negative if convex"),
             ("_standard_error", "standard error of the ", "of scatter alone"),
         )
     },
@@ -123,7 +123,7 @@ _ESTIMATES = {
     "evaluations": quantity(
         ("slope_method",),
         "1",
-        "evaluations of the merit by the search at a pixel",
+        "number of evaluations of the merit function at a pixel",
         "mean over the pixels that have slopes; A searches nothing",
     ),
 }
@@ -136,11 +136,11 @@ _SUN = {
         name: quantity(("disc_fraction",), "1", f"brightness {words}")
         for name, words in (
             ("sun_brightness", "of the sun's profile relative to the centre of the disc"),
-            ("sun_formula", "by the formula of Jose that is nearest to the sun's profile"),
+            ("sun_formula", "of Jose's formula fitted to the sun's profile"),
         )
     },
-    "sun_limb_fit": quantity((), "1", "brightness of the limb relative to the centre, A, of the nearest formula"),
-    "sun_exponent_fit": quantity((), "1", "exponent xi of the nearest formula of Jose"),
+    "sun_limb_fit": quantity((), "1", "brightness of the limb relative to the centre, A, in the fitted formula"),
+    "sun_exponent_fit": quantity((), "1", "exponent xi of Jose's fitted formula"),
     "sun_radius_fit": quantity(
         (), "mrad", "angular radius eps_max of the fitted formula", "the angle at which the profile ends"
     ),
@@ -153,8 +153,9 @@ _SCENE = {
     "incidence": quantity((), "degree", "angle of the sun from the ideal normal of the heliostat"),
 }
 _NET = (
-    "the error of a pixel is the estimated slope minus the slope estimated by the same method for the ideal "
-    "heliostat without noise or gain error, minus the true slope; over the pixels of the eroded module with slopes"
+    "the error of a pixel is its estimated slope minus its true slope, minus the slope that the method estimates "
+    "for the ideal heliostat without noise and gain error; computed over the pixels of the eroded module that have "
+    "slopes"
 )
 _WAVEFRONT = "equal for all referentials of O2 and LM, which do not use them"
 
@@ -176,7 +177,7 @@ SIMULATED = {
         _BOUND,
         "Cramer-Rao bound for noise and levels of the cameras at the true slopes; root mean square over the pixels "
         "of the eroded module seen by three cameras; 0 without noise and levels; for a tabulated profile, the bound "
-        "of its smooth fit; with fit_gain, the bound of methods that fit a gain, which A does not",
+        "for its smooth fit; with fit_gain, the bound for methods that fit a gain (not A)",
     ),
     **_SCENE,
 }
@@ -192,8 +193,8 @@ MAPS = {
         "slope_%",
         (*OF_METHOD, *PLANE),
         "% slope of the mirror relative to the ideal heliostat",
-        "minus the slope that the same method estimates for the ideal heliostat; missing if fewer than three "
-        f"cameras are lit; {_WAVEFRONT}",
+        "minus the slope that the method estimates for the ideal heliostat; missing if fewer than three cameras are "
+        f"lit; {_WAVEFRONT}",
     ),
     **_both("true_slope_%", PLANE, "true % slope of the mirror relative to the ideal heliostat"),
     "mask": flags(
@@ -213,7 +214,10 @@ RAW = {
         "raw_ideal_slope_%",
         (*OF_METHOD, *PLANE),
         "estimated % slope of the ideal heliostat",
-        f"residual effect of its shape and of referentials; slope_% is raw_slope_% minus this value; {_WAVEFRONT}",
+        (
+            "effect of the shape of the heliostat and of the referentials; slope_% is raw_slope_% minus this value; "
+            f"{_WAVEFRONT}"
+        ),
     ),
 }
 
@@ -298,9 +302,9 @@ MEASURED = {
         "slope_uncertainty_%",
         PLANE,
         "standard uncertainty of the % slope of a pixel",
-        "for the slopes of LM, even if the study selects other methods; only from the noise of the images and the "
-        "derivatives at the slopes of LM; does not include errors of the sun's profile, of the geometry, or of the "
-        "gain of one camera relative to another (a relative gain error shifts all slopes equally, like a "
+        "for the slopes of LM, even if the study selects other methods; includes only the noise of the images, with "
+        "the derivatives at the slopes of LM; does not include errors of the sun's profile, of the geometry, or of "
+        "the gain of one camera relative to another (a relative gain error shifts all slopes equally, like a "
         "pointing error)",
     ),
     "residual_rms": quantity(

@@ -30,7 +30,7 @@ _MOUNT = ("errors.axis_tilt", "errors.axis_tilt_direction", "tolerance", *(f"err
 _CONCENTRATOR = tuple(f"concentrator.{key}" for key in ("focal_length", "diameter", "aperture_radius", "spread"))
 _FACTOR, _MONTHLY = "effective_tracking_factor", "monthly_effective_tracking_factor"
 _ANGLE = "angle between the direction to the sun and the focal axis"
-_INSTANTS = "{}: {} (over the used instants of the window)"
+_INSTANTS = "{}: {} (over the evaluated instants of the window)"
 # In variables without a dimension for dates, cell methods name the dates by their standard name ``time`` (CF rules).
 _DAILY, _DATES = _INSTANTS.format("date", "mean"), f"{_INSTANTS.format('time', 'mean')} time: "
 _MEAN, _STD = "mean over the {} of the {}", "sample standard deviation over the {} of the {}"
@@ -74,7 +74,7 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
             "max_tracking_error": _errors("maximum", "largest"),
         }),
         (True, "date", "int8", False, mount, {"window_is_empty": {
-            "long_name": "flag for dates without a used instant, such as polar nights with daylight_only",
+            "long_name": "flag for dates without an evaluated instant, such as polar nights with daylight_only",
             "units": "1",
             "flag_values": np.array([0, 1], dtype=np.int8),
             "flag_meanings": "window_has_instants window_is_empty",
@@ -107,7 +107,7 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
         (dates and directed, "", "float64", True, direction, {"worst_axis_tilt_direction": {
             "units": "degree",
             "long_name": f"direction of the tilt with the minimum mean {of} over the dates",
-            "comment": "direction in which the foot of the azimuth axis leans: 0 south, 90 west",
+            "comment": "direction in which the foot of the azimuth axis leans (0 south, 90 west)",
         }}),
         (study.statistics is not None, "required_factor", "float64", False, ("axis_tilt",), {"tolerable_axis_tilt": {
             "units": "degree",
@@ -119,7 +119,7 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
         (study.concentrator is not None, "", "float64", False, (), {
             "energy_loss": {
                 "units": "1", "long_name": "energy of a year lost to tracking errors",
-                "comment": "fraction of the energy in the aperture with perfect tracking", BEST_VALUE: SMALLEST,
+                "comment": "relative to the energy in the aperture with perfect tracking", BEST_VALUE: SMALLEST,
             },
             "intercept_efficiency": {
                 "units": "1", "long_name": "intercept of the dish in a year", "valid_range": [0.0, 1.0],
@@ -134,7 +134,7 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
         }),
         (series, "time", "float64", False, (), {"tracking_error": {
             "units": "mrad", "long_name": "tracking error at each instant",
-            "comment": f"{_ANGLE}; missing at unused instants", BEST_VALUE: SMALLEST,
+            "comment": f"{_ANGLE}; missing at instants that are not evaluated", BEST_VALUE: SMALLEST,
         }}),
         (series, "time", "float64", False, mount, {
             "solar_elevation": {"units": "degree", "standard_name": "solar_elevation_angle",
@@ -308,7 +308,9 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     """Yield a remark with the number of dates without a used instant."""
     empty = int(result["window_is_empty"].sum())
     if empty:
-        yield f"{empty} of {result['window_is_empty'].size} days have no used instant and therefore no factor (NaN)"
+        yield (
+            f"{empty} of {result['window_is_empty'].size} days have no evaluated instant and therefore no factor (NaN)"
+        )
 
 
 @lru_cache(maxsize=4)  # the chunks of a site are computed one after another

@@ -17,7 +17,7 @@ _OFFSETS = ("home_azimuth_offset", "home_elevation_offset")
 #: Dimensions that do not belong to swept keys.
 _OWN = ("date", "month", "time", "required_factor")
 _TYPICAL = {DIRECTION: 0.0, **dict.fromkeys(_OFFSETS, 0.0), "axis_tilt": 0.1, "latitude": 30.0}
-_DIRECTION = "Direction of the tilt: the foot of the azimuth axis leans to 0 south, 90 west."
+_DIRECTION = "Direction in which the foot of the azimuth axis leans: 0 south, 90 west."
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:

@@ -36,7 +36,7 @@ from heliosweep.errors import Problem
 from heliosweep.grid.sun import night_share
 
 MODELS = {
-    "rigid": "the whole mount is tilted and the controller does not correct it",
+    "rigid": "the whole mount is tilted, and the controller does not correct the tilt",
     "untilted_home_axes": "only the azimuth axis leans, and the home position is correct (Liu et al. 2022)",
 }
 #: Maximum number of tilt directions that are compared with each other. A warning is given if a larger fraction of the
@@ -70,7 +70,7 @@ class DishWindow(Block):
     step: Annotated[
         float,
         Quantity(
-            "Time between instants; from sunrise to sunset, the closest step that divides the day equally",
+            "Time between instants; between sunrise and sunset, the closest step that divides the day equally",
             "h",
             gt=0,
             le=24,
@@ -104,7 +104,7 @@ class DishTime(CivilTime):
     """Dates and a daily window, with the option to omit instants with the sun below the horizon."""
 
     window: Annotated[DishWindow, Field(description="Part of each date that is evaluated")]  # type: ignore[assignment]
-    daylight_only: Annotated[bool, Flag("True to use only instants with the sun above the horizon")] = False
+    daylight_only: Annotated[bool, Flag("True to evaluate only instants with the sun above the horizon")] = False
 
     def rules(self) -> Iterator[Fault]:
         """Check that the length of a wall-clock window is a whole number of steps if instants represent steps."""
@@ -192,8 +192,8 @@ class Concentrator(Block):
 
     weather: Annotated[
         str,
-        FileName("Weather file with the direct normal irradiance of a year; the energy includes all its hours with "
-                 "the sun above the horizon, not only the hours of 'time'", sweep=False),
+        FileName("Weather file with the direct normal irradiance of a year; the energy includes all hours of the "
+                 "file with the sun above the horizon, not only the hours of 'time'", sweep=False),
     ]  # fmt: skip
     focal_length: Annotated[float | Sweep, _length("Focal length", "focal length of the dish")]
     diameter: Annotated[float | Sweep, _length("Diameter of the mirror", "diameter of the dish")]
@@ -218,7 +218,7 @@ class Ephemeris(Block):
     elevation: Annotated[
         str,
         Choice(
-            "Elevation of the sun for tracking",
+            "Elevation of the sun that the mount tracks",
             {"geometric": "without refraction", "apparent": "raised by refraction in the atmosphere"},
             sweep=False,
         ),
@@ -277,7 +277,9 @@ class DishTrackingStudy(Study):
     concentrator: Annotated[
         Concentrator | None, Field(description="Mirror and aperture, for the energy of a year (default: none)")
     ] = None
-    statistics: Annotated[Statistics | None, Field(description="Solutions in addition to the grid")] = None
+    statistics: Annotated[
+        Statistics | None, Field(description=("Results of root finding, in addition to the grid"))
+    ] = None
     ephemeris: Annotated[Ephemeris, Field(description="The sun")] = Ephemeris()
 
     def rules(self) -> Iterator[Fault]:
@@ -317,6 +319,6 @@ def _doubts(study: DishTrackingStudy) -> Iterator[Problem | str]:
     counted = not (study.time.window.sunlit or study.time.daylight_only or list(civil_clock_problems(study)))
     if counted and (share := night_share(study)) > NIGHT:
         yield (
-            f"the sun is below the horizon at about {100 * share:.0f} % of the instants, which are used like all "
-            "others: set time.daylight_only: true to omit them"
+            f"the sun is below the horizon at about {100 * share:.0f} % of the instants, which are evaluated like "
+            "all other instants: set time.daylight_only: true to omit them"
         )

@@ -103,7 +103,9 @@ _LABELS = (
 _OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
     "effect": (np.array(["shading", "blocking"], object), {"long_name": "cause of the loss: shading or blocking"}),
     "image": (np.arange(0),
-              {"long_name": "number of an outline on the mirror from 0, in descending order of area", "units": "1"}),
+              {"long_name": (
+                  "number of an outline on the mirror, counted from 0, in descending order of area"
+              ), "units": "1"}),
     "corner": (np.arange(efficiency.OUTLINE_CORNERS),
                {"long_name": "number of a corner of an outline, counted from 0, counter-clockwise", "units": "1"}),
 }  # fmt: skip

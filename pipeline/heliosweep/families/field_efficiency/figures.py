@@ -34,11 +34,11 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     if columns:
         yield numbers(result, dims, columns, "Energy, power and size", [_sums(result)] if energy else [], digits=4)
     if parts := budget_columns(result):
-        note = "Loss of each cause alone, and the loss of all causes minus these losses."
+        note = "Loss due to each cause alone, and their interaction: the loss due to all causes minus these losses."
         yield numbers(result, dims, parts, "Error budget", [note], digits=4)
     years = [_named(result, name) for name in map(str, result.data_vars) if name.endswith(("_p50", "_p90"))]
     if years:
-        note = "Values that a weather year exceeds with a probability of 50 % and 90 %: quantiles of the years."
+        note = "P50 and P90: quantities that a weather year exceeds with a probability of 50 % and 90 %."
         yield numbers(result, [str(dim) for dim in years[0].dims], years, "Weather years", [note], digits=4)
     order = dict.fromkeys(["total_efficiency", "optical_efficiency", *EFFICIENCIES, *LIGHT])
     means = [_named(result, f"field_{name}") for name in order if f"field_{name}" in whole]
@@ -122,19 +122,19 @@ def figures(result: xr.Dataset) -> list[Figure]:
         *(Curves(f"cost_of_heat_over_{dim}", f"Cost of heat over the {context.title(dim)}", _COST, over=(dim,),
                  lines=[str(other) for other in result[_COST[0]].dims if other != dim])
           for dim in swept if _COST[0] in result),
-        _special("aim_points", "Aim points of the heliostats and flux under the limit",
+        _special("aim_points", "Aim points of the heliostats, and flux under the limit",
                 ("aim_x", "aim_y", "aim_z", "aimed_flux_map")),
         Rasters("flux_and_limit", "Flux on the receiver without and with the limit",
                 ("unlimited_flux_map", "aimed_flux_map"), over=DIMS, panels=("flux_limit", *places)),
-        Rasters("flux_price", "Power that a unit of the limit of a cell is worth", ("flux_price",), over=DIMS,
+        Rasters("flux_price", "Power gained per unit increase of the flux limit in a cell", ("flux_price",), over=DIMS,
                 panels=("flux_limit", *places)),
-        Curves("power_over_limit", "Power on the receiver over the limit of the flux", ("power_bound", *_AIMS),
+        Curves("power_over_limit", "Power on the receiver over the flux limit", ("power_bound", *_AIMS),
                over=("flux_limit",), lines=lines),
         _special("capital_cost", "Capital cost by item", ("capital_cost", "total_capital_cost")),
         *(Curves(f"efficiency_over_{dim}", f"Energy and mean efficiency of the field over the {context.title(dim)}",
                  (*field, *others), over=(dim,), lines=lines, notes=f"{means} Field means are weighted by mirror area.")
           for dim in sorted(swept, key=lambda dim: dim != "latitude")),
-        Maps("factor_maps", "Mean factors of the light of every heliostat",
+        Maps("factor_maps", "Mean efficiencies of every heliostat by factor",
              _EFFICIENCIES[2:7] if "total_efficiency" in result else (), each=True, at={"latitude": 0.0},
              interactive=False),
         Curves("monthly_energy", "Energy of the field by month", ("monthly_receiver_energy", "monthly_incident_energy"),
@@ -147,7 +147,9 @@ def figures(result: xr.Dataset) -> list[Figure]:
         Curves("power", "Power of the field at each instant, in universal time",
                ("field_power", "dni", *(f"field_instantaneous_{name}" for name in _EFFICIENCIES), "sun_elevation"),
                over=("time",) if "time" in result.coords else ("none",), lines=lines, image=False),
-        Curves("duration_curves", "Hours in which the irradiance and the power are at least as high as the curve",
+        Curves("duration_curves", (
+            "Number of hours in which the irradiance or the power is at least the value on the curve"
+        ),
                ("dni_reached", "power_reached"), over=("duration",), lines=lines, derive=_durations,
                interactive=False),
         Curves("efficiency_over_time", "Mean efficiency of the heliostats at each instant",

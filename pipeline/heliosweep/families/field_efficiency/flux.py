@@ -46,13 +46,15 @@ class FluxMap(Block):
 
     columns: Annotated[
         int,
-        Quantity("Cells along the width of a rectangle, or around a cylinder", "1", ge=1, le=360, integer=True,
+        Quantity("Number of cells along the width of a rectangle or around a cylinder", "1", ge=1, le=360, integer=True,
                  sweep=False),
     ]  # fmt: skip
     rows: Annotated[int, Quantity("Cells along the height", "1", ge=1, le=360, integer=True, sweep=False)]
     limit: Annotated[
         float | None,
-        Quantity("Flux limit: the share of the power above this flux is stored", "kW/m2", gt=0, sweep=False),
+        Quantity(
+            ("Flux limit: the fraction of the power on cells above this flux is stored"), "kW/m2", gt=0, sweep=False
+        ),
     ] = None
 
 
@@ -127,11 +129,11 @@ class Aim(Block):
         Choice(
             "Strategy of the aim points",
             {
-                "centre": "all at the middle of the receiver; of a cylinder, at the point of this height that faces "
+                "centre": "all at the middle of the receiver; on a cylinder, at the point of this height that faces "
                 "the heliostat",
                 "spread": "at levels over the receiver's height, cyclically around the tower",
                 "layout": "at the points aim_x, aim_y, aim_z of the layout [m]",
-                "flux_limit": "on a grid of points, or stowed, for the maximum power under a flux limit",
+                "flux_limit": "on a grid of points, or stowed, to maximise the power under a flux limit",
             },
             sweep=False,
         ),
@@ -148,7 +150,7 @@ class Aim(Block):
     ] = None  # fmt: skip
     limits: Annotated[
         tuple[tuple[float, ...], ...] | None,
-        ListOfNumbers("Rows of cells with another limit, from 0 at the bottom, and their limits in kW/m2",
+        ListOfNumbers("Rows of cells with individual limits, counted from 0 at the bottom, and these limits in kW/m2",
                       ("1", "kW/m2"), ("row", "limit"), ge=0),
     ] = None  # fmt: skip
     safety: Annotated[float, Quantity("Maximum flux as a fraction of the limit", "1", gt=0, le=1, sweep=False)] = 1.0
@@ -156,11 +158,13 @@ class Aim(Block):
     columns: Annotated[int, _count("Columns of aim points", 99)] = 3
     azimuth_span: Annotated[
         float,
-        Quantity("Range of the columns on a cylinder, around the point nearest to the heliostat", "deg", ge=0, le=170,
+        Quantity((
+            "Azimuth range of the columns on a cylinder, centred on the point nearest to the heliostat"
+        ), "deg", ge=0, le=170,
                  sweep=False),
     ] = 40.0  # fmt: skip
-    flux_rows: Annotated[int, _count("Rows of cells with the limit", 360)] = 20
-    flux_columns: Annotated[int, _count("Columns of cells with the limit", 360)] = 36
+    flux_rows: Annotated[int, _count("Number of rows of cells to which the limit applies", 360)] = 20
+    flux_columns: Annotated[int, _count("Number of columns of cells to which the limit applies", 360)] = 36
     at: Annotated[
         str,
         Choice(
@@ -334,8 +338,8 @@ def limit_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]
     )  # fmt: skip
     yield (
         is_limited(study) and shown and flux_cells(study) != cells_of(study), "output.flux_map",
-        f"must have the cells of the limit, {' x '.join(map(str, cells_of(study) or ()))}: set 'aim.flux_rows' and "
-        "'aim.flux_columns' to its rows and columns",
+        f"must have the same cells as the flux limit, {' x '.join(map(str, cells_of(study) or ()))}: set "
+        "'aim.flux_rows' and 'aim.flux_columns' to the rows and columns of the map",
     )  # fmt: skip
 
 

@@ -44,8 +44,8 @@ class ThermalLosses(Block):
     ] = None  # fmt: skip
     file: Annotated[
         str | None,
-        FileName("CSV table with the columns power and losses: thermal losses in MW for powers of the light on the "
-                 "receiver in MW", sweep=False),
+        FileName("CSV table with the columns power (light on the receiver, in MW) and losses (thermal losses at "
+                 "this power, in MW)", sweep=False),
     ] = None  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
@@ -81,7 +81,9 @@ class Economics(Block):
         float | Sweep,
         Quantity("Reference area of the receiver, in m2", "1", gt=0, title="reference area of the receiver in m2"),
     ] = 1571.0
-    receiver_exponent: Annotated[float | Sweep, _cost("Exponent of the receiver area in its cost")] = 0.7
+    receiver_exponent: Annotated[float | Sweep, _cost("Exponent of the receiver area in the cost of the receiver")] = (
+        0.7
+    )
     other_cost: Annotated[float | Sweep, _cost("Further direct costs, such as storage")] = 0.0
     contingency: Annotated[float | Sweep, _cost("Contingency, as a fraction of the direct costs", le=1)] = 0.07
     indirect: Annotated[float | Sweep, _cost("Indirect costs, as a fraction of the direct costs", le=1)] = 0.13

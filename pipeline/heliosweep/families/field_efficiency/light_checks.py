@@ -76,7 +76,10 @@ def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, 
         if receiver.radius is None:
             yield study.problem("layout", f"{first} is at the centre of the tower; move or remove it")
         else:
-            message = f"must be less than the distance of the mirrors: {inside.size:,} are within the receiver, first "
+            message = (
+                f"must be less than the distance of the mirrors from the tower: {inside.size:,} are "
+                "within the receiver, first "
+            )
             yield study.problem("receiver.radius", f"{message}{first}; move or remove them")
     lowest = min(ends(receiver.height)) - max(ends(receiver.height_extent)) / 2
     if lowest < min(0.0, layout.z.min(initial=0.0)) and not np.any(np.asarray(ends(receiver.tilt or 0.0))):

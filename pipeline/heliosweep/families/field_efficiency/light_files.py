@@ -116,7 +116,7 @@ def _even(at: Floats, axis: str, name: str) -> tuple[Floats, Any]:
     """Return uniform coordinates that include all values of `at`, and the index of each value. Raises StudyError."""
     places = np.unique(np.round(at, 9))
     if len(places) < 2:
-        raise StudyError(Problem(f"has one position along {axis}; a map of slopes needs at least 2", file=name))
+        raise StudyError(Problem(f"has one position along {axis}; a slope map needs at least 2", file=name))
     span = places[-1] - places[0]
     count = round(span / np.diff(places).min())
     index = (at - places[0]) * (count / span)
@@ -214,7 +214,7 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
         middles = np.stack([0.5 * (place.min(axis=0) + place.max(axis=0))[:2] for place, _ in facets])
         sides = np.ptp(facets[0][0][:, :2], axis=0)
         if len(facets) > 1 and (np.abs(middles - middles[0]) < 0.5 * sides).all():
-            raise ValueError("its facets lie on one another; points must count from the centre of the mirror")
+            raise ValueError("its facets overlap; positions must be relative to the centre of the mirror")
         points, normals = (np.concatenate(each) for each in zip(*facets, strict=True))
         found: xr.Dataset = grid_slopes(points, normals, step=step)
     except (OSError, KeyError, ValueError) as error:

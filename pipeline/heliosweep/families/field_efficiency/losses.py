@@ -225,7 +225,10 @@ def check_tower(study: FieldEfficiencyStudy) -> Iterator[Problem]:
         if study.optics is not None and top > bottom and radius > wide:
             yield study.problem("tower.top", f"covers the receiver: must be at most {bottom:g} m (got {top:g})")
         if (within := np.flatnonzero(np.hypot(layout.x, layout.y) <= radius)).size:
-            message = f"must be less than the distance of the mirrors: {within.size:,} are within the tower, first "
+            message = (
+                f"must be less than the distance of the mirrors from the tower: {within.size:,} are "
+                "within the tower, first "
+            )
             first = f"{layout.where(within[0])} of {layout.name}"
             yield study.problem("tower.radius", f"{message}{first}; move or remove them")
 
@@ -423,7 +426,7 @@ def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
     for cause, values in study.budget.items():
         if not values or cause == INTERACTION:
             message = (
-                "is reserved for the rest of the loss; use another name" if values else "has no key: give {key: value}"
+                "is reserved for the remaining loss; use another name" if values else "has no key: give {key: value}"
             )
             yield study.source.problem(("budget", cause), message)
         for key, raw in values.items():
@@ -456,10 +459,10 @@ def budget_cases(study: FieldEfficiencyStudy) -> int:
 def budget_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
     """Return the labels of the budget parts (causes and interaction) and the attributes of these labels."""
     causes = tuple(study.budget or ())
-    words = {"long_name": "cause of a loss of energy"}
+    words = {"long_name": "cause of an energy loss"}
     parts = (
         np.array([*causes, INTERACTION], object),
-        words | {"comment": f"{INTERACTION}: loss of all causes minus the losses of each cause"},
+        words | {"comment": f"{INTERACTION}: loss due to all causes together minus the sum of their separate losses"},
     )
     return {"budget_part": parts, "budget_cause": (np.array(causes, object), words)} if causes else {}
 

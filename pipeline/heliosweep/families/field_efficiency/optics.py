@@ -96,8 +96,8 @@ class Receiver(ReceiverPoint):
         Choice(
             "Shape of the receiver",
             {
-                "rectangle": "a flat face, aimed at its centre",
-                "cavity": "the rectangular aperture of a cavity, aimed at its centre",
+                "rectangle": "a flat face; heliostats aim at its centre",
+                "cavity": "the rectangular aperture of a cavity; heliostats aim at its centre",
                 "cylinder": "the outside of an upright cylinder; each heliostat aims at the surface point that "
                 "faces it",
             },
@@ -159,10 +159,10 @@ class SunShape(Block):
             {
                 "pillbox": "a uniform disc of 4.65 mrad",
                 "gaussian": "a Gaussian of 2.73 mrad per axis",
-                "limb_darkened": "a disc of 4.65 mrad, darker at its limb by 0.56",
-                "jose": "the disc of Jose (1957) as in backward gazing",
+                "limb_darkened": "a disc of 4.65 mrad whose limb is darker than its centre by 56 %",
+                "jose": "the disc of Jose (1957), as in backward gazing",
                 "buie": "disc and aureole of Buie et al. (2003), by circumsolar_ratio",
-                "table": "measured: a file with angles and brightness",
+                "table": "measured: a file with angles and brightnesses",
             },
             dimension="sun_shape",
             title="sun shape",
@@ -170,7 +170,7 @@ class SunShape(Block):
     ]
     circumsolar_ratio: Annotated[
         float | Sweep | None,
-        Quantity("Fraction of the light from the aureole, for buie", "1", ge=0.001, le=0.8,
+        Quantity("Fraction of the light that comes from the aureole, for buie", "1", ge=0.001, le=0.8,
                  title="circumsolar ratio"),
     ] = None  # fmt: skip
 
@@ -220,7 +220,7 @@ class PointingErrors(MountAngles):
                 yield Fault(NOT_DRAWN, ("scale",), show_value=False)
         for key, error in self.drawn().items():
             if error.samples is not None:
-                message = "is not used for a field, because each heliostat has one draw: remove it, or sweep 'seed'"
+                message = "does not apply to a field, because each heliostat has one draw: remove it, or sweep 'seed'"
                 yield Fault(message, (key, "samples"))
 
 
@@ -325,8 +325,8 @@ class Optics(Block):
         str | Sweep | None,
         FileName("Measured slopes of a mirror or facet. One map for all heliostats: CSV table with x, y in m and "
                  "slope_x, slope_y in mrad, result of backward_gazing, or HDF5 of SOFAST. A map for each of several "
-                 "heliostats: NetCDF with a dimension heliostat, or HDF5 of PAINT; heliostats without a map have "
-                 "the slope error",
+                 "heliostats: NetCDF with a dimension heliostat, or HDF5 of PAINT; the slope error applies to "
+                 "heliostats without a map",
                  title="map of slopes"),
     ] = None  # fmt: skip
     specularity_error: Annotated[
@@ -343,9 +343,9 @@ class Optics(Block):
     ] = None
     precision: Annotated[
         float | None,
-        Quantity("Relative standard error of the field's energy, which sets the number of rays; the peak of flux "
-                 "maps has 50 times this error (default: 1e-4, for draws 2e-3)", "1", ge=1e-6, le=0.1,
-                 sweep=False),
+        Quantity("Relative standard error of the field's energy, which sets the number of rays; for bright cells of "
+                 "flux maps, the error is 40 times larger, relative to the peak (default: 1e-4, for draws 2e-3)",
+                 "1", ge=1e-6, le=0.1, sweep=False),
     ] = None  # fmt: skip
     rays: Annotated[
         int | None,

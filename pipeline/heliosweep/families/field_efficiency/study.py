@@ -82,8 +82,8 @@ RESERVED = frozenset((
 BY = {
     "receiver_energy": "energy on the receiver; needs 'weather'",
     "energy_per_mirror_area": "energy on the receiver per mirror area; needs 'weather'",
-    "total_efficiency": "mean over the period, from the sun to the receiver; needs 'optics'",
-    "optical_efficiency": "mean over the period of cosine, shading and blocking together",
+    "total_efficiency": "mean over the period of all factors from the sun to the receiver; needs 'optics'",
+    "optical_efficiency": "mean over the period of the product of cosine, shading and blocking",
     "design_point_total_efficiency": "at the design point; needs 'optics' and 'design_point'",
     "design_point_optical_efficiency": "at the design point; needs 'design_point'",
 }
@@ -108,13 +108,13 @@ class Keep(Block):
     field_power: Annotated[
         float | Sweep | None,
         Quantity("Required power of the field at the design point: keep the minimum number of best heliostats that "
-                 "reaches it", "MW", gt=0,
+                 "reach it", "MW", gt=0,
                  dimension="kept_power", title="required power at the design point"),
     ] = None  # fmt: skip
     heat_power: Annotated[
         float | Sweep | None,
         Quantity("Required heat of the receiver at the design point: keep the minimum number of best heliostats "
-                 "that reaches it", "MW", gt=0,
+                 "that reach it", "MW", gt=0,
                  dimension="kept_heat", title="required heat at the design point"),
     ] = None  # fmt: skip
     by: Annotated[str | Sweep, Choice("Result by which heliostats are ranked, in descending order", BY,
@@ -163,19 +163,19 @@ class FieldOutput(Output):
         bool, Flag("Also store mirror area, land area, packing factor and radius of the field")
     ] = False
     field_series: Annotated[
-        bool, Flag("Also store the values of the field and the direction of the sun at each instant")
+        bool, Flag("Also store the efficiencies and powers of the field, and the direction of the sun, at each instant")
     ] = False
     outlines: Annotated[
         int,
         Quantity(
-            "Number of shadows, and of blocked parts, per mirror whose outlines are stored, in descending order of "
-            "area; for one instant or directions of the sun",
+            "Maximum number of shadows, and of blocked areas, per mirror whose outlines are stored, in descending "
+            "order of area; only for one instant or for directions of the sun",
             "1", ge=0, le=100, integer=True, sweep=False,
         ),
     ] = 0  # fmt: skip
     flux_map: Annotated[
         FluxMap | None,
-        Field(description="Flux on the cells of the receiver: at the design point or one instant, and over the year"),
+        Field(description="Flux map of the receiver: at the design point or one instant, and over the year"),
     ] = None
 
 
@@ -208,7 +208,7 @@ class FieldEfficiencyStudy(Study):
     ]
     layout: Annotated[LayoutBlock, Field(description="Layout of the field")]
     heliostat: Annotated[Heliostat, Field(description="The mirror of all heliostats")]
-    receiver: Annotated[Receiver, Field(description="The receiver, and aim point of all heliostats")]
+    receiver: Annotated[Receiver, Field(description="Receiver, which also defines the aim point of all heliostats")]
     tower: Annotated[Tower | None, Field(description="Tower that shades the mirrors (default: none)")] = None
     optics: Annotated[
         Optics | None, Field(description="Optics between mirror and receiver, traced by rays (default: none)")
@@ -331,7 +331,7 @@ def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         if down and len(down) == len(latitudes):
             yield study.problem("design_point", f"the sun is down at this instant at latitude {down[0]:g} deg")
         elif down:
-            where = f"at latitude {down[0]:g} deg: values of this site are missing (NaN)"
+            where = f"at latitude {down[0]:g} deg: results for this site are missing (NaN)"
             yield f"the sun is down at the design point {where}"
     if not isinstance(study.time, WeatherTime):
         missing_there = "its efficiencies are missing (NaN), and its energies are 0"

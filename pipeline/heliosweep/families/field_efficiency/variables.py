@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 _MEAN = "time: mean (over the instants with the sun above the horizon)"
 _WEIGHTED = (
-    "time: mean (weighted by direct normal irradiance times the length of the interval, over the instants with the sun "
-    "above the horizon and all values within the limits)"
+    "time: mean (weighted by direct normal irradiance times the length of the interval, over the instants with the "
+    "sun above the horizon and the weather within the limits)"
 )
 _AREA = "area: mean (weighted by mirror area)"
 
@@ -103,11 +103,11 @@ OUTLINES = ("outline_u", "outline_v", "outline_area", "outline_heliostat", "outl
 _INCIDENT = (
     "direct normal irradiation of the mirror area with the sun above the horizon, including instants outside the limits"
 )
-_HEAT = "absorbed light minus thermal losses; 0 at instants with larger losses"
+_HEAT = "absorbed light minus thermal losses; 0 at instants at which the losses exceed the absorbed light"
 _WHOLE = "intervals in which the sun rises or sets are counted in full"
 _LOSS = (
-    "the sum over all stages is incident minus received energy; shading is the shaded part of "
-    "the light on the mirrors, blocking the remainder of the shaded or blocked part"
+    "the sum over all stages is the incident energy minus the received energy; shading is the light lost to "
+    "shadows, and blocking is the light lost to blocking outside the shadows"
 )
 _AXES = {
     "primary": "vertical axis: azimuth of the normal, clockwise from north; spinning axis: rotation about the line "
@@ -131,7 +131,10 @@ _COUNTED = (
 )
 #: Variables of the mount angles over the period.
 MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, *_ in _MOTION)
-_IMAGES = "of the shadows (shading) or of the parts hidden from the receiver (blocking) on a mirror, the largest first"
+_IMAGES = (
+    "of the shadows (shading) or of the areas hidden from the receiver (blocking) on a mirror, in descending order "
+    "of area"
+)
 
 
 #: Required study properties, name, dimensions, True if computed from complete fields, units, long name, comment and
@@ -161,8 +164,7 @@ _GEOMETRY: tuple[Row, ...] = (
     ("sizes", "field_heliostats", "", True, "1", "number of heliostats"),
     ("sizes", "field_mirror_area", "", True, "m2", "area of all mirrors"),
     ("land", "field_land_area", "", True, "m2", "land area of the heliostats",
-     "area within a line around the convex hull of all heliostats, at the distance of half the largest mirror "
-     "diagonal"),
+     "area of the convex hull of all heliostats, enlarged on all sides by half the largest mirror diagonal"),
     ("geometry", "field_packing_factor", "", True, "1", "area of all mirrors divided by the land area"),
     ("geometry", "field_mean_radius", "", True, "m", "mean distance of the heliostats from the tower",
      "weighted by mirror area"),
@@ -172,7 +174,7 @@ _GEOMETRY: tuple[Row, ...] = (
      "rank of the heliostat by 'keep.by' in the field before the selection, 1 for the best",
      "heliostats with equal values are ranked in the order of the layout"),
     ("mapped", "flux_map", "flux_row flux_column", False, "kW m-2", "flux on the receiver",
-     "mean over each cell of the flux from all heliostats, {instant}"),
+     "mean flux from all heliostats over each cell, {instant}"),
     ("mapped", "peak_flux", "", False, "kW m-2", "largest flux of a cell of the receiver",
      "corrected for the bias that noise of the rays causes, {instant}"),
     ("mapped", "mean_flux", "", False, "kW m-2", "mean flux on the receiver",
@@ -187,9 +189,9 @@ _GEOMETRY: tuple[Row, ...] = (
      "energy of the field on the receiver without the causes of the budget"),
     ("budget", "budget_stage_loss", "stage", False, "MWh",
      "energy of the field lost at each stage without the causes of the budget",
-     "incident energy, minus the losses of all stages and all parts of the budget, is the energy received"),
+     "the received energy is the incident energy minus the losses of all stages and all parts of the budget"),
     ("budget", "budget_loss", "budget_part", False, "MWh", "energy of the field lost to each cause alone",
-     "the last part is the interaction of the causes; the sum over all parts is the loss of all causes together"),
+     "the last part is the interaction of the causes; the sum over all parts is the loss due to all causes together"),
     ("budget", "budget_gain", "budget_cause", False, "MWh",
      "energy of the field gained if only one cause is removed"),
 )  # fmt: skip
@@ -223,8 +225,8 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
           for name, (_, comment, _) in over.items()),
         ("exact", PRODUCT, "heliostat", False, "1",
          f"{'' if directions else 'mean '}product of cosine, shading and blocking efficiency{period}",
-         "product at each instant, as in Chong and Tan (2012); a part of the mirror that is both shaded and blocked "
-         "counts twice here, but only once in optical_efficiency", "" if directions else mean),
+         "product at each instant, as in Chong and Tan (2012); mirror area that is both shaded and blocked counts "
+         "twice in this product, but only once in optical_efficiency", "" if directions else mean),
         ("", FACTORED, "", True, "1", "product of the field's mean cosine, shading and blocking efficiencies",
          "product of three means, as printed by Chong and Tan (2012); field_optical_efficiency is the mean of "
          "the product",
@@ -246,8 +248,8 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
          _INCIDENT),
         ("weather", "loss", "stage", True, "MWh", "energy of the field lost at each stage", _LOSS),
         ("weather", "hours_used", "", True, "h", "hours in which the field operates", _WHOLE),
-        ("weather", "hours_lost", "cause", True, "h", "hours with the sun above the horizon in which a limit stops "
-                                                      "the field",
+        ("weather", "hours_lost", "cause", True, "h", "hours with the sun above the horizon in which the field does "
+                                                      "not operate because of a limit",
          f"each hour counts for the first violated limit; {_WHOLE}"),
         *(("design", f"design_point_{name}", "heliostat", False, "1", f"{words} at the design point", comment)
           for name, (words, comment) in now.items()),

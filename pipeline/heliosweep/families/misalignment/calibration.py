@@ -169,7 +169,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         "instants_without_command": quantity(
             lead,
             "1",
-            "instants with sun and an estimate at which no command directs the beam to the aim point",
+            "number of instants with sun and an estimate at which no command directs the beam to the aim point",
             "in the blind cone of the mount, or closer to the aim point than the offsets of the mirror",
             dtype="int32",
         ),
@@ -230,7 +230,7 @@ def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[st
     lead, each = ("sample",) if draw_count(study) else (), ("heliostat", *instant_sizes(study))
     nominal = pair("nominal_%", MOUNT_AXES, each, "degree", "commanded angle of the % axis without calibration")
     meaning = "corrected command of the % axis with the estimated errors"
-    comment = "missing without sun, in the blind cone, and without a usable estimate"
+    comment = "missing if there is no sun, in the blind cone, and if there is no usable estimate"
     drawn = {**found, **pair("corrected_%", MOUNT_AXES, each, "degree", meaning, comment)}
     made = {name: replace(one, dims=(*lead, *one.dims)) for name, one in drawn.items()}
     return with_best(made | nominal, ("crossed_fraction", "round_hit_fraction"), _SMALLEST)
@@ -255,9 +255,9 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
     meanings = {code: words.replace("%", what) for code, words in STATUS.items() if spots or code < DOUBTFUL}
     truth = {"true_error": quantity(of_errors, "mrad", f"error of the synthetic {what}s")}
     interval = (
-        "95 % intervals from the t distribution with 2 spots_used - parameters degrees of freedom contain the true "
-        "value in 95 % of the cases for spots of two days or more, but in 85 to 90 % for six errors from one day; "
-        "missing if the numbers of equations and errors are equal"
+        "95 % intervals follow from the t distribution with 2 spots_used - parameters degrees of freedom; they "
+        "contain the true error in 95 % of the cases for spots from at least two days, but in 85 to 90 % for six "
+        "errors and spots from one day; missing if the numbers of equations and errors are equal"
         if spots
         else (
             "from noise and pitch of the detectors (pitch / sqrt(12) without noise), or from the residuals if both "
@@ -270,7 +270,7 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
             "mrad",
             "estimate of the mount error",
             "missing for errors that are not estimated, and if calibration_status has no estimate; for a fit that "
-            "did not converge, its last point",
+            "did not converge, the last iterate",
         ),
         "standard_error": quantity(of_errors, "mrad", "standard error of the estimate", interval),
         "covariance": quantity(

@@ -108,8 +108,8 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             dims,
             "m",
             f"position of a crossing {whose} along the array",
-            "measured from the first point of the array; for a line without ends, from the foot of the "
-            "perpendicular from the aim point",
+            "measured from the first point of the array; for an infinite line, from the foot of the perpendicular "
+            "from the aim point",
         ),
         "crossing_angle": quantity(
             dims,
@@ -121,8 +121,8 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         "crossed_fraction": quantity(
             (*lead, "trace", "detector"),
             "1",
-            "fraction of the instants with light at which a trace crosses an array",
-            "missing without light at any instant",
+            "fraction of the instants with sunlight at which a trace crosses an array",
+            "missing if there is no sunlight at any instant",
         ),
         "misses_array": flags(
             (*lead, "detector"),
@@ -153,7 +153,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             rounds, "m", "root mean square distance of the spot from the aim point", over
         ),
         "round_hit_fraction": quantity(
-            rounds, "1", "fraction of the instants with light in which the spot lies in the aperture",
+            rounds, "1", "fraction of the instants with sunlight in which the spot lies in the aperture",
             "round 0: before any",
         ),
         **pair("spot_%_before", _SIDES, each, "m", "spot before any correction, %"),

@@ -94,8 +94,12 @@ def curves_work(study: MisalignmentStudy) -> Computation:
     if len(lines := _lines(study)):
         dims["detector"] = numbered(len(lines), "number of the line of detectors, counted from 0")
     if study.beam is not None:
-        turn = {"long_name": "position on the outline of a spot, as the angle about the ray", "units": "degree"}
-        side = {"long_name": "edge of a trace, from rays of the point of the sun nearest to or farthest from the axis"}
+        turn = {"long_name": "position on the outline of a spot, given as the angle about the ray", "units": "degree"}
+        side = {
+            "long_name": (
+                "edge of a trace, formed by rays from the point of the sun nearest to or farthest from the axis"
+            )
+        }
         dims["outline"] = 360.0 * np.arange(OUTLINE) / OUTLINE, turn
         dims["edge"] = np.array(["near", "far"], dtype=object), side
     return Computation(
@@ -153,7 +157,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             dims,
             "mrad",
             "minimum error of either sign at which the spot leaves the aperture",
-            "infinite if the spot never leaves the aperture; 0 if errors of the mount already move it outside; "
+            "infinite if the spot never leaves the aperture; 0 if mount errors already move the spot outside; "
             "missing if the heliostat has no spot without the error",
         ),
         "conic": of_curve(
@@ -377,7 +381,7 @@ def draw_variables(study: MisalignmentStudy) -> dict[str, Variable]:
         "spot_z_variance": ("m2", "variance of the spot upwards (n - 1)", "variance"),
         "spot_yz_covariance": ("m2", "covariance of the spot to the right and upwards (n - 1)", "mean"),
     }  # fmt: skip
-    real = "over the draws whose ray reaches the receiver's plane; missing without such draws, and without sun"
+    real = "over the draws whose ray reaches the receiver's plane; missing if there are no such draws or no sun"
     found = {
         name: quantity(dims, units, words, real, cell_methods=_DRAWS.format(method))
         for name, (units, words, method) in moments.items()

@@ -69,7 +69,7 @@ def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
         remedy = "such as +02:00 or Z, at its end, or set 'calibration.timezone'"
         raise ValueError(f"needs an offset from UTC, {remedy} (got {text[:40]!r})")
     if not FIRST_YEAR <= stamp.year <= LAST_YEAR:
-        raise ValueError(f"must be of the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})")
+        raise ValueError(f"must be in the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})")
     universal = stamp if stamp.tzinfo is None else stamp.astimezone(dt.UTC).replace(tzinfo=None)
     return np.datetime64(universal, "ns"), stamp.tzinfo is None
 
@@ -493,13 +493,13 @@ def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
 
 def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
     if measured.unused:
-        yield f"{measured.name}: columns that are not used: {few_of(measured.unused)}"
+        yield f"{measured.name}: ignored columns: {few_of(measured.unused)}"
     layout = None if study.layout is None else Layouts(study)[()]
     aimed = set(measured.targets if layout is None else layout.columns.get("target", measured.targets))
     if layout is not None and measured.targets and aimed != set(measured.targets):
         spots, field = ", ".join(measured.targets), ", ".join(map(str, aimed))
         message = f"are on the target {spots}, and {layout.name} is measured from the target {field}"
-        yield study.problem(key, f"{message}: convert both with the same --aim")
+        yield study.problem(key, f"{message}: convert both with one --aim")
     elif key != "measured":
         yield from _far_rows(study, measured)
         yield from _few_rows(study, measured, key, what)

@@ -208,7 +208,7 @@ class Mount(Block):
     pedestal_height: Annotated[
         float | Sweep,
         Quantity(
-            "Height of the pivot above the point, vertically below, about which the mount tilts",
+            "Vertical distance from the pivot down to the point about which the mount tilts",
             "m", ge=0, title="height of the pivot above the point about which the mount tilts",
         ),
     ] = 0.0  # fmt: skip
@@ -316,7 +316,7 @@ class DetectorArray(Block):
     points: Annotated[
         tuple[tuple[float, float], ...],
         ListOfNumbers(
-            "Ends of the straight pieces: distance to the right of the aim point, and above it", "m", ("y", "z")
+            "Ends of the straight segments: distance to the right of the aim point, and above it", "m", ("y", "z")
         ),
     ]
 
@@ -327,16 +327,16 @@ class Detectors(Block):
     lines: Annotated[
         tuple[Triple, ...] | None,
         Lines(
-            "Lines without ends, l0 Y + l1 Z = l2, Y to the right and Z up, in m", ("1", "1", "m"), ("l0", "l1", "l2")
+            "Infinite lines l0 Y + l1 Z = l2, with Y to the right and Z up, in m", ("1", "1", "m"), ("l0", "l1", "l2")
         ),
     ] = None
     arrays: Annotated[
         tuple[DetectorArray, ...] | None,
-        Field(description=f"Arrays of detectors along straight pieces, {MAX_ARRAYS} at most; mode: detectors only"),
+        Field(description=f"Arrays of detectors along straight segments, {MAX_ARRAYS} at most; mode: detectors only"),
     ] = None
     pitch: Annotated[
         float | Sweep | None,
-        Quantity("Distance between the detectors of an array, which is the resolution of positions (default: "
+        Quantity("Distance between the detectors of an array, to which measured positions are rounded (default: "
                  "continuous)",
                  "m", ge=0, dimension="detector_pitch", title="distance between the detectors"),
     ] = None  # fmt: skip
@@ -456,7 +456,7 @@ class Calibration(Block):
     ] = None
     held_out: Annotated[
         int | tuple[str, ...] | None,
-        HeldOut("Spots that test the calibration and are not used for the fit: the number of last spots of each "
+        HeldOut("Spots that test the calibration and are not used for the fit: a number, for the last spots of each "
                 "heliostat by time (or in the order of the file), or a list of names in the column 'spot'"),
     ] = None  # fmt: skip
     window: Annotated[
@@ -615,8 +615,8 @@ class MisalignmentStudy(Study):
             (
                 positions is not None and self.heliostats.pivot_height is not None,
                 fault(
-                    "needs a 'layout', because positions are those of the pivots: remove this key, or give a "
-                    "'layout' instead of positions",
+                    "needs a 'layout', because 'positions' are the positions of the pivots: remove this key, or "
+                    "give a 'layout' instead of positions",
                     ("heliostats", "pivot_height"),
                 ),
             ),
