@@ -177,7 +177,7 @@ def test_several_studies_in_one_command(folder, capsys):
         for name, line in zip(("a.yaml", "d.yaml"), lines, strict=True):
             assert re.fullmatch(rf"{name}: mean optical efficiency of the field.* \([0-9.]+ s\)", line)
     assert main(["run", "a.yaml", "d.yaml", "--output", "one"]) == 2
-    assert "--output: is the folder of one study" in capsys.readouterr().err
+    assert "--output: names the result folder of a single study" in capsys.readouterr().err
 
 
 def test_output_cut_by_the_reader_is_no_error(folder):
