@@ -70,9 +70,7 @@ def named_in(folder: Path, name: str) -> Path:
     The name is relative to `folder`, or begins with ``~`` or ``pvlib:``.
     """
     if name.startswith(PVLIB):
-        spec = importlib.util.find_spec("pvlib")  # this does not import pvlib
-        assert spec is not None
-        assert spec.origin is not None
+        spec: Any = importlib.util.find_spec("pvlib")  # this does not import pvlib
         return Path(spec.origin).parent / name.removeprefix(PVLIB)
     return folder / (user_path(name) if name.startswith("~") else name)
 

@@ -232,9 +232,7 @@ def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
 @cache
 def _spa() -> Any:
     """Return pvlib's SPA module without importing all of pvlib, which would take 0.5 s."""
-    spec = importlib.util.spec_from_file_location("pvlib_spa", named_in(Path(), f"{PVLIB}spa.py"))
-    assert spec is not None
-    assert spec.loader is not None
+    spec: Any = importlib.util.spec_from_file_location("pvlib_spa", named_in(Path(), f"{PVLIB}spa.py"))
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

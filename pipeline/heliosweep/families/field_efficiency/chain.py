@@ -130,7 +130,7 @@ class Way(NamedTuple):
     """Optical path from the mirrors to the receiver at a point of the result."""
 
     #: The study, which has `optics`.
-    study: FieldEfficiencyStudy
+    study: Any
     #: Contents of the study's optical files.
     inputs: Inputs
     #: All heliostats.
@@ -254,7 +254,6 @@ class Way(NamedTuple):
 
     def reflected(self, months: NDArray[np.int64] | None, count: int) -> Floats:
         """Return the factor by which month and washing change `reflection` at each instant, shape (count,). [1]"""
-        assert self.study.optics is not None
         values, monthly = self.values, self.study.optics.cleanliness_by_month
         clean = np.ones(1) if monthly is None else np.array(monthly)[months]
         if values["rate"] is not None:  # staggered washing: the mean dirt is half of its maximum

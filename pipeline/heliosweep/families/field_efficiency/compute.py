@@ -574,7 +574,6 @@ def select(
 
     def power_of(rows: NDArray[np.int64]) -> float:
         field = aimed(field_of(layout.part(rows)))
-        assert field.study.design_point is not None
         values = field.design(0, field.area.size)[_design_name(field.study)]
         found = float(np.sum(values * field.area)) * field.study.design_point.dni * 1e-6
         if heat is None or not isinstance(field, TracedField):

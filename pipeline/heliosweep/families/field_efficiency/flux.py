@@ -273,7 +273,6 @@ def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
     """Yield problems and warnings about aim points at one point of the result."""
     study, layout = way.study, way.layout
     centre = np.stack((layout.x, layout.y, layout.z + given["heliostat.pivot_height"]), axis=1)
-    assert study.aim is not None
     if study.aim.strategy == "layout":
         missing = [key for key in COLUMNS if key not in layout.columns or layout.columns[key].dtype.kind not in "if"]
         if missing:

@@ -50,9 +50,8 @@ def light_faults(
     yield from _rays(study)
 
 
-def _rays(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+def _rays(study: Any) -> Iterator[Problem | str]:
     """Check that the number of rays is not excessive, and warn about a key that is no longer used."""
-    assert study.optics is not None
     if study.optics.method is not None:
         yield "optics.method is no longer used, because light is traced by rays: remove it"
     if study.execution.device == "cuda" and (problem := device_problem()):
@@ -65,9 +64,8 @@ def _rays(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         yield study.problem(f"optics.{key}", f"{message}{MOST_RAYS:.0e}: {remedy}, or compute fewer points")
 
 
-def _receiver(study: FieldEfficiencyStudy, layout: Layout, values: Mapping[str, Any]) -> Iterator[Problem | str]:
+def _receiver(study: Any, layout: Layout, values: Mapping[str, Any]) -> Iterator[Problem | str]:
     """Check that the mirrors are outside the receiver, in front of it, and not too far from it."""
-    assert study.optics is not None
     receiver = study.receiver
     level = np.hypot(layout.x, layout.y)
     radius = max(ends(receiver.radius)) if receiver.radius is not None else 0.0
@@ -119,9 +117,8 @@ def _heliostats(count: int) -> str:
     return "1 heliostat" if count == 1 else f"{count:,} heliostats"
 
 
-def _errors(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem]:
+def _errors(study: Any, layout: Layout) -> Iterator[Problem]:
     """Check that error columns are numeric, and that a calibration contains all heliostats of the layout."""
-    assert study.optics is not None
     errors = study.optics.mount_errors
     if errors is None or errors.calibration is None:
         return
@@ -143,9 +140,8 @@ def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
             yield study.problem("heliostat.facets.gap", f"leaves no {side} for {count} facets on {least:g} m")
 
 
-def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+def _files(study: Any) -> Iterator[Problem | str]:
     """Check that measured brightness decreases, slope maps fit a mirror or facet, and monthly values have dates."""
-    assert study.optics is not None
     profile = study.optics.sun_shape.file
     if profile is not None and (note := read_profile(study.resolve(profile), profile).note(profile)):
         yield note
@@ -178,13 +174,12 @@ def _files(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
                 return
 
 
-def mapped(study: FieldEfficiencyStudy, layout: Layout) -> Iterator[Problem | str]:
+def mapped(study: Any, layout: Layout) -> Iterator[Problem | str]:
     """Check the slope maps for a layout, and report the number of heliostats with a map.
 
     If the study has no slope error, all heliostats must have a map. Otherwise, heliostats without a map use the slope
     error.
     """
-    assert study.optics is not None
     key, errors = "optics.slope_map", (study.optics.slope_error, study.optics.slope_error_horizontal)
     for name in study.files().get(key, ()):
         found = read_slopes(study.resolve(name), name)

@@ -52,8 +52,7 @@ PAIRS, KEPT_INSTANTS = 2**15, 2**15
 
 def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> float:
     """Return the expected mean number of rays per heliostat and instant, for the plan. Night instants have no rays."""
-    optics = study.optics
-    assert optics is not None
+    optics: Any = study.optics
     lit = LIT if isinstance(study.time, WeatherTime) else 1.0
     if optics.rays is not None:
         return lit * optics.rays
@@ -83,7 +82,7 @@ def drawn_step(optics: Any, pairs: int) -> int:
 class TracedField(NamedTuple):
     """A field with optics at a point of the result, with the methods of `values.Field`."""
 
-    study: FieldEfficiencyStudy
+    study: Any
     #: Centres x, y, z, half widths, half heights and aim points of the mirrors [m], and the code of the tracking
     #: method.
     mirrors: Geometry
@@ -96,7 +95,7 @@ class TracedField(NamedTuple):
     #: Reflectivity times cleanliness of each heliostat. [1]
     reflection: Floats
     #: Values of `grid.sun.PLACE`.
-    place: Sequence[float | None]
+    place: Sequence[Any]
     #: Month of each instant, counted from 0, if cleanliness depends on it.
     months: NDArray[np.int64] | None
     #: Index of the point in the result.
@@ -121,8 +120,6 @@ class TracedField(NamedTuple):
     def design(self, start: int, stop: int, light: LightSums | None = None) -> Values:
         """Return values at the design point. [1]"""
         point = self.study.design_point
-        assert point is not None
-        assert self.place[0] is not None
         values = self._means(point.sun(self.place[0]), np.array([point.month()]), start, stop, light, point.dni)
         return {f"design_point_{name}": each for name, each in values.items()}
 
@@ -222,10 +219,6 @@ class TracedField(NamedTuple):
         return clean, reflected / clean
 
     @property
-    def _optics(self) -> Any:
-        return self.study.optics
-
-    @property
     def share(self) -> Floats:
         """Weight of each heliostat in the flux map: area times transmittance times reflectivity. [m2]"""
         return self.area * self.transmitted * self.reflection
@@ -233,7 +226,7 @@ class TracedField(NamedTuple):
     def _stride(self, instants: int) -> int:
         """Return the step between traced instants for a number of instants."""
         drawn = self.study.sample is not None and not flux_cells(self.study)
-        return drawn_step(self._optics, len(self.area) * instants) if drawn else 1
+        return drawn_step(self.study.optics, len(self.area) * instants) if drawn else 1
 
     def _is_mapped(self, instants: int) -> bool:
         """Return True if the result contains a flux map for a period with this number of instants."""
@@ -274,7 +267,11 @@ class TracedField(NamedTuple):
 
     def _traced(self, sun: Floats, first: int, last: int, **given: Any) -> rays.Traced:
         """Trace rays at the instants `first` to `last` - 1, with aim points for each instant if `targets` is given."""
-        given |= {"seed": self._optics.seed, "threads": self.threads, "cuda": self.study.execution.device == "cuda"}
+        given |= {
+            "seed": self.study.optics.seed,
+            "threads": self.threads,
+            "cuda": self.study.execution.device == "cuda",
+        }
         if self.targets is None or len(self.targets) != len(sun):
             return rays.trace(self.scene, sun, first=first, last=last, **given)
         parts = [
@@ -319,7 +316,7 @@ class TracedField(NamedTuple):
 
     def _rays(self, sun: Floats, weight: Floats, reflected: Floats, cells: tuple[int, int] | None) -> int:
         """Return the number of rays per heliostat and instant for energies and a flux map of the given cells."""
-        optics = self._optics
+        optics = self.study.optics
         if self.number:
             return self.number
         if optics.rays is not None:

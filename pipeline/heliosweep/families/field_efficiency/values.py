@@ -42,7 +42,6 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.chain import Geometry
-    from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 
 #: Sun direction below the horizon, used for instants at which the field does not operate.
@@ -146,7 +145,7 @@ class Field(NamedTuple):
     `start` to `stop` - 1, but all heliostats are included as sources of shading and blocking.
     """
 
-    study: FieldEfficiencyStudy
+    study: Any
     #: Centres x, y, z, half widths, half heights and aim points of the mirrors [m], and the code of the tracking
     #: method.
     mirrors: Geometry
@@ -155,7 +154,7 @@ class Field(NamedTuple):
     #: Area of each mirror. [m2]
     area: Floats
     #: Values of `grid.sun.PLACE`.
-    place: Sequence[float | None]
+    place: Sequence[Any]
     #: Availability of the heliostats; None if they always operate.
     available: Available | None = None
 
@@ -186,8 +185,6 @@ class Field(NamedTuple):
 
     def design(self, start: int, stop: int) -> Values:
         """Return values at the design point. [1]"""
-        assert self.study.design_point is not None
-        assert self.place[0] is not None
         values = efficiency.field_series(*self.sorted, self.study.design_point.sun(self.place[0]), start, stop)
         return dict(zip(DESIGN, values[:, 0], strict=False))
 
