@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -85,9 +86,8 @@ def _execution(options: argparse.Namespace) -> dict[str, Any]:
     return execution_keys({name: getattr(options, name, None) for name in names}, "--")
 
 
-def _folder(place: str) -> Path:
-    """Return the result folder of a study that has been run, or the given folder."""
-    return api.folder_of(place, there=True)
+#: Result folder of a study that has been run, or the given folder.
+_folder = partial(api.folder_of, there=True)
 
 
 def _validate(options: argparse.Namespace) -> int:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from heliosweep.kernels import dish as kernel
 from heliosweep.kernels.compiled import Floats
 from heliosweep.lazy import xr
+from heliosweep.sun import direction
 
 #: Models of a tilted mount.
 MODELS = {"rigid": kernel.RIGID, "untilted_home_axes": kernel.UNTILTED_HOME_AXES}
@@ -26,9 +27,6 @@ ERRORS = (
 )  # fmt: skip
 #: Tilts at which the factor is computed before the search between two of them. [deg]
 SCAN = np.array([0.0, *np.geomspace(1e-3, 45.0, 48)])
-#: Numbers of radii and angles of the mirror points in `dish_intercept`; cut-off of the Gaussian, in standard
-#: deviations.
-_POINTS, _TURNS, _TAIL = 1000, 200, 6.0
 
 
 def tracking_error(
@@ -220,19 +218,20 @@ def dish_intercept(
     if not (sizes > 0.0).all() or not np.isfinite(sizes).all() or diameter >= 4.0 * focal_length:
         raise ValueError("lengths and `spread` must be above 0, and `diameter` below four times the focal length")
     # Points are evenly spaced in area, and in the angle of the deviation from the meridian.
-    radius, angle = 0.5 * diameter * np.sqrt(_middles(_POINTS))[:, np.newaxis], 0.5 * np.pi * _middles(_TURNS)
+    radius = 0.5 * diameter * np.sqrt((np.arange(1000) + 0.5) / 1000)[:, np.newaxis]
+    angle = 0.5 * np.pi * ((np.arange(200) + 0.5) / 200)
     theta = 2.0 * np.arctan(0.5 * radius / focal_length)
     along = 2.0 * focal_length / (1.0 + np.cos(theta))
     limit = np.sort(aperture_radius / np.hypot(along / np.cos(theta) * np.cos(angle), along * np.sin(angle)), axis=None)
     width, wanted = 1e-3 * spread, np.abs(np.asarray(tracking_error, np.float64)) * 1e-3
     # With smaller errors, all light passes; with larger errors, no light passes.
-    low, high = max(0.0, limit[0] - _TAIL * width), limit[-1] + _TAIL * width
+    low, high = max(0.0, limit[0] - 6.0 * width), limit[-1] + 6.0 * width
     error = np.clip(wanted, low, high)
     high = min(high, max(float(np.nanmax(error, initial=low)), low + width))
     known = np.linspace(low, high, min(max(math.ceil(8.0 * (high - low) / width), 8), 2048) + 1)
     # Fraction of the mirror whose light passes at each deviation: means over cells of 1/128 of the spread.
     cell = width / 128.0
-    first = np.floor(known / cell)[:, np.newaxis] + np.arange(-128.0 * _TAIL, 128.0 * _TAIL + 1.0)
+    first = np.floor(known / cell)[:, np.newaxis] + np.arange(-768.0, 769.0)
     edges = np.maximum(first * cell, 0.0)
     below, total = np.searchsorted(limit, edges), np.append(0.0, np.cumsum(limit))
     passing = np.diff(total[below] + edges * (limit.size - below)) / limit.size
@@ -245,11 +244,6 @@ def dish_intercept(
     if hasattr(labelled, "coords"):
         return labelled.copy(data=found).assign_attrs(units="1", long_name="intercept of the dish")
     return found if np.ndim(tracking_error) else float(found)
-
-
-def _middles(count: int) -> Floats:
-    """Return the centres of equal parts of the interval from 0 to 1."""
-    return (np.arange(count) + 0.5) / count
 
 
 def window_factors(
@@ -337,8 +331,7 @@ def _of_mounts(
         raise ValueError(f"unknown error of a mount {unknown[0]!r}: use {', '.join(ERRORS)}")
     labelled = [each for each in (azimuth, elevation) if isinstance(each, xr.DataArray)]
     dim = next((str(each.dims[0]) for each in labelled if each.ndim), "time")
-    a, e = np.radians(np.broadcast_arrays(*np.atleast_1d(azimuth, elevation)))
-    sun = np.stack((np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=-1)
+    sun = direction(*np.atleast_1d(azimuth, elevation))
     series = series and np.ndim(azimuth) + np.ndim(elevation) > 0
 
     def called(*values: ArrayLike) -> Floats:

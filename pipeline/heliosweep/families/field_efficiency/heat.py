@@ -175,14 +175,10 @@ def read_losses(path: Path, name: str) -> Floats:
 LOSSES = ("constant", "per_area")
 
 
-def _area(values: Mapping[str, Any]) -> Any:
-    """Return the area of the receiver; `values` maps the last part of each key to its value. [m2]"""
-    return (2.0 * np.pi * values["radius"] if values["radius"] else values["width"]) * values["height_extent"]
-
-
 def _losses(values: Mapping[str, Any]) -> float:
-    """Return the thermal losses of a receiver without a loss table. [MW]"""
-    return float((values["constant"] or 0.0) + 1e-3 * (values["per_area"] or 0.0) * _area(values))
+    """Return the thermal losses of a receiver without a loss table; `values` has the last part of each key. [MW]"""
+    area = (2.0 * np.pi * values["radius"] if values["radius"] else values["width"]) * values["height_extent"]
+    return float((values["constant"] or 0.0) + 1e-3 * (values["per_area"] or 0.0) * area)
 
 
 def heat_power(power: Any, values: Mapping[str, Any], table: Floats | None) -> Any:

@@ -334,10 +334,14 @@ class Available(NamedTuple):
 
     def apply(self, field: Any, hours: Hours, values: Values, start: int, stop: int) -> Values:
         """Apply the availability to the energies of the heliostats from `start` to `stop` - 1."""
-        months = values["heliostat_monthly_receiver_energy"]
+        months, length = values["heliostat_monthly_receiver_energy"], hours.length
         part = np.broadcast_to(self.fraction[start:stop], months.shape).copy()
+        begin = self.utc - (1.8e12 * length).astype("timedelta64[ns]")
         for row in self.outages.keys() & range(start, stop):
-            lost = self._lost(field, hours, row)
+            out = hours.weight * (1.0 - availability(begin, length, *self.outages[row], yearly=True))
+            dark = np.where((out > 0.0)[:, np.newaxis], hours.sun, (0.0, 0.0, -1.0))
+            alone = field._replace(available=None).energies(hours._replace(sun=dark, weight=out), row, row + 1)
+            lost = alone["heliostat_monthly_receiver_energy"][:, 0]
             part[:, row - start] *= 1.0 - lost / np.where(lost > 0.0, months[:, row - start], 1.0)
         year = months.sum(axis=0)
         whole = 1.0 - ((1.0 - part) * months).sum(axis=0) / np.where(year > 0.0, year, 1.0)
@@ -348,15 +352,6 @@ class Available(NamedTuple):
             found[energy], found[monthly] = whole * values[energy], part * values[monthly]
             found[losses] = np.concatenate([values[losses], [values[energy] - found[energy]]])
         return found
-
-    def _lost(self, field: Any, hours: Hours, row: int) -> Floats:
-        """Return the energy of a heliostat during its outages in each month. [MWh]"""
-        length = hours.length
-        start = self.utc - (1.8e12 * length).astype("timedelta64[ns]")
-        out = hours.weight * (1.0 - availability(start, length, *self.outages[row], yearly=True))
-        dark = np.where((out > 0.0)[:, np.newaxis], hours.sun, (0.0, 0.0, -1.0))
-        alone = field._replace(available=None).energies(hours._replace(sun=dark, weight=out), row, row + 1)
-        return alone["heliostat_monthly_receiver_energy"][:, 0]
 
 
 def check_availability(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
