@@ -14,6 +14,7 @@ References
 import functools
 import math
 import operator
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -63,6 +64,9 @@ MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 _MOST_POWER, _PILOT_POWER = 19, 16
 #: Maximum number of rays of a heliostat and instant if a precision determines it.
 MOST = REPLICATES << _PILOT_POWER
+
+#: Lock that lets one thread compute points (130 MB for 4 million rays), which the other threads then use.
+_LOCK = threading.Lock()
 
 
 class Errors(NamedTuple):
@@ -692,7 +696,8 @@ def trace(
     field, mirrors, grid, names = _grid(scene, seed)
     rank = np.argsort(names)
     power = min(_MOST_POWER, max(13, (rays // REPLICATES - 1).bit_length()))
-    table, farthest = _points(np.stack(scene.sun[:2]).tobytes(), scene.sun.variance, seed, power, min(rays, _LANES))
+    with _LOCK:
+        table, farthest = _points(np.stack(scene.sun[:2]).tobytes(), scene.sun.variance, seed, power, min(rays, _LANES))
     passes = max(1, rays // _LANES)
     # a prime number of blocks: the daylight hours of a year use all blocks equally
     primes, blocks = {1024: 1021, 512: 509, 256: 251, 128: 127}, len(table) // passes
