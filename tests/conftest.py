@@ -36,7 +36,7 @@ SMALL: dict[str, Any] = {
 
 
 #: Folders whose tests call hardly any kernel: they run while another process compiles.
-NO_KERNELS = {"bench", "config", "layouts"}
+NO_KERNELS = {"config", "layouts"}
 
 
 def pytest_sessionstart() -> None:

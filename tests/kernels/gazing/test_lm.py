@@ -10,7 +10,6 @@ from heliosweep.kernels.gazing.geometry import (
     expose,
     image_set,
     module_spheres,
-    scene,
     themis_8,
     transfers,
     waviness,
@@ -98,13 +97,3 @@ def test_minimum_of_scipy(fit_gain):
         assert found.merit[k] == pytest.approx(2.0 * expected.cost, rel=1e-5, abs=1e-12)
         if fit_gain:
             assert found.gain[k] == pytest.approx(expected.x[2], abs=1e-6)
-
-
-def test_three_and_five_cameras():
-    grid = twin.paper_grid(0.2)
-    for cameras in (3, 5):
-        turn = 2.0 * np.pi * np.arange(cameras) / cameras
-        layout = scene(SUN, TARGET, 0.24 * np.stack((np.cos(turn), np.sin(turn)), axis=1))
-        images, true = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, 0.5 * twin.paper_canting()))
-        found = fit_slopes("LM", layout, jose(), images, np.zeros_like(true), grid.pixels)
-        assert np.max(np.abs(found.slopes - true)) < 1e-6

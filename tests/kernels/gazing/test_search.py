@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from heliosweep.kernels.gazing.geometry import EXACT, expose, image_set, module_spheres, themis_8, transfers
+from heliosweep.kernels.gazing.geometry import expose, image_set, module_spheres, themis_8
 from heliosweep.kernels.gazing.slopes import (
     FATOL,
     NOT_CONVERGED,
     SIMPLEX,
-    UNLIT,
     XATOL,
     fit_slopes,
     look_back,
@@ -50,18 +49,3 @@ def test_steps_of_scipy(name, fit_gain):
         assert found.merit[k] == expected.fun
         assert found.evaluations[k] == expected.nfev > 30
         assert found.flags[k] == (0 if expected.success else NOT_CONVERGED)
-
-
-def test_dark_pixels_and_gains():
-    grid, profile = twin.paper_grid(0.2), jose()
-    images, true = pictures(grid, profile, 0.3 * twin.paper_canting())
-    a, _ = twin.by_kernels(images, LAYOUT, profile, grid.pixels, transfers(LAYOUT))
-    images[:2, 5], images[1, 9], images[0, 11], a[EXACT][:, 11] = 0.1, np.nan, 0.29, np.nan
-    found = fit_slopes("O2", LAYOUT, profile, 1.02 * images, a[EXACT], grid.pixels, fit_gain=True)
-    assert np.all(np.isnan(found.slopes[:, 5]))
-    assert found.evaluations[5] == 0
-    assert found.flags[5] == UNLIT
-    rest = np.arange(len(grid.pixels[0])) != 5
-    assert not np.any(found.flags[rest])
-    np.testing.assert_allclose(found.gain[rest], 1.02, atol=2e-5)
-    assert np.max(np.abs(found.slopes - true)[:, rest]) < 2e-6

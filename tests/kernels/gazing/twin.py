@@ -4,10 +4,8 @@ after another."""
 import numpy as np
 
 from heliosweep.kernels import profiles
-from heliosweep.kernels.compiled import inline
 from heliosweep.kernels.gazing import slopes as linear
-from heliosweep.kernels.gazing.geometry import camera_square, ideal_mirror, mirror_grid, mirror_offsets, scene, themis_8
-from heliosweep.kernels.gazing.geometry import unit as unit_of
+from heliosweep.kernels.gazing.geometry import camera_square, mirror_grid, scene, themis_8
 from heliosweep.kernels.gazing.slopes import look_back
 
 LIMB, EPS_MAX, POWER = 0.679, 4.360e-3, 2.222
@@ -16,19 +14,6 @@ LIMB, EPS_MAX, POWER = 0.679, 4.360e-3, 2.222
 def paper_scene(sun=(30.0, 60.0), target=(0.0, 44.0), radius=0.24, arrangement="square", **more):
     """Scene of the study file of the paper; angles in degrees, azimuths from south towards east."""
     return scene(tuple(np.radians(sun)), tuple(np.radians(target)), camera_square(radius, arrangement), **more)
-
-
-@inline
-def camera_ray(eyes, camera, x, y, z):
-    """Unit vector R in the mirror frame from the point (x, y, z) of the mirror to a camera; `eyes` of the scene."""
-    return unit_of(eyes[camera, 0] - x, eyes[camera, 1] - y, eyes[camera, 2] - z)
-
-
-@inline
-def sun_offsets(layout, camera, p_y, p_z, y, z):
-    """`mirror_offsets` by the kernels for the slopes p relative to the ideal mirror at the pixel (y, z)."""
-    x, a, b = ideal_mirror(layout.focal_length, y, z)
-    return mirror_offsets(a + p_y, b + p_z, *camera_ray(layout.eyes, camera, x, y, z), layout.sun_y, layout.sun_z)
 
 
 def ideal_squares(layout, pixels):

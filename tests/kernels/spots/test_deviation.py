@@ -43,11 +43,6 @@ def test_signs():
             assert across[0] > 0.1
 
 
-def sun_at(azimuth, elevation):
-    horizontal = np.cos(elevation)
-    return np.array([[[horizontal * np.sin(azimuth), horizontal * np.cos(azimuth), np.sin(elevation)]]])
-
-
 def status(pivot=PIVOT[0, 0], sun=MORNING[0, 0], size=0.0, **values):
     spot = deviation_spots(setting(**values), [ENCODER], [ELEVATION], [size], [[sun]], [[pivot]]).ravel()
     assert np.isnan(spot[0]) == np.isnan(spot[1]) == (spot[2] != REACHES)

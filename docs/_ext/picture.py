@@ -1,4 +1,4 @@
-"""Draw the pictures of the README and the front page: ``python -m tests.docs.picture`` writes them.
+"""Draw the pictures of the README and the front page: ``python docs/_ext/picture.py`` writes them.
 
 The picture of a report page needs chromium.
 """
@@ -12,8 +12,8 @@ from PIL import Image
 
 from heliosweep import api
 from heliosweep.report.draw import draw, image
-from tests.conftest import ROOT, STUDIES
 
+ROOT = Path(__file__).parents[2]
 PICTURE = ROOT / "docs/_static/front.png"
 PAGE = ROOT / "docs/_static/page.png"
 WIDTH, HEIGHT = 1200, 420
@@ -21,7 +21,7 @@ WIDTH, HEIGHT = 1200, 420
 
 def picture(folder: Path) -> Image.Image:
     """Draw field map and losses of the study `surround_energy` side by side; the study runs in a folder."""
-    study = api.load(STUDIES / "surround_energy.yaml")
+    study = api.load(ROOT / "studies" / "surround_energy.yaml")
     with api.run(study, folder, report=False).open() as result:
         one = result.isel(tracking=[0]).load()
     figures = {named.name: named.figure for named in draw(one, api.family_of(study).figures(one))}
