@@ -88,6 +88,11 @@ class _Library(JITCodeLibrary):
 
     _is_part, _asked = False, False
 
+    def add_ir_module(self, ir_module: Any) -> None:
+        for each in ir_module.functions:  # LLVM prefers half of the vectors of some processors
+            set.add(each.attributes, '"prefer-vector-width"="512"')
+        super().add_ir_module(ir_module)
+
     def get_pointer_to_function(self, name: str) -> int:
         defined = any(each.name == name and not each.is_declaration for each in self._final_module.functions)
         if self._is_part and defined:

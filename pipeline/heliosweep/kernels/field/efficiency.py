@@ -24,6 +24,7 @@ from heliosweep.kernels.field.packets import (
     Mirrors,
     beam,
     by_cells,
+    occludes,
     offset,
     packet_order,
     search,
@@ -221,6 +222,9 @@ def _sweep(
 
 #: Number of sums for each heliostat and period.
 _QUANTITIES = 7
+#: Maximum number of packets whose candidates are searched together, and maximum sine of the half-angle of their bundle,
+#: divided by the sine of the lowest elevation. Each packet then tests the candidates found.
+_TOGETHER, _WIDEST = 8, 8.0
 #: Maximum number of frames of full packets before all are discarded; more would not fit in the processor's cache.
 _KEPT = 1000
 
@@ -291,21 +295,15 @@ def sweep(
     """
     count = mirrors.throw.shape[0]
     # room for 16 images; memory of frames is not occupied before it is used
-    found, place, frames = np.empty(2 * count, np.int64), np.empty(count, np.int64), rows((_KEPT + 18) * 7)
+    found, place, frames = np.empty(count + 1, np.int64), np.empty(count, np.int64), rows((_KEPT + 18) * 7)
     lines, images, room = (
         Lines(rows(3), rows(3), rows(6), rows(3), rows(1), rows(_QUANTITIES), frames, place),
         images_of(16),
         room_for(16),
     )
-    blockers, begins = np.empty(0, np.int64), np.zeros(tests.shape[0] + 1, np.int64)
-    for fill in range(2):  # the first pass counts, the second pass writes
-        for t in range(tests.shape[0]):
-            for c in range(3):
-                lines.to_target[c * ROW] = mirrors.aim[tests[t], c]
-            names_of = blockers[begins[t] :] if fill else found
-            count = search(tests[t], beam(lines.to_target, 1), mirrors.throw[tests[t]], mirrors, cells, names_of)
-            begins[t + 1] = begins[t] + count
-        blockers = np.empty(begins[tests.shape[0]] + 1, np.int64) if fill == 0 else blockers
+    begins, ends = np.zeros(tests.shape[0] + 1, np.int64), np.zeros(tests.shape[0] + 1, np.int64)
+    bundle, last, shaders = beam(sun, order[:1]), 0, np.empty(2 * count, np.int64)
+    blockers = _candidates(tests, bundle, True, mirrors, cells, np.empty(2 * count, np.int64), begins)
     for p in range(first.shape[0] - 1):
         packet = order[first[p] : first[p + 1]]
         lanes = -(-packet.shape[0] // GROUP) * GROUP
@@ -314,11 +312,19 @@ def sweep(
             lines.weight[k] = weight[when]
             for c in range(3):
                 lines.to_sun[c * ROW + k] = sun[when, c]
-        t, bundle = 0, beam(lines.to_sun, packet.shape[0])
+        t, bundle = 0, beam(sun, packet)
+        if p == last:  # list the candidates for the next packets together
+            whole, last = bundle, p + 1
+            while last < min(p + _TOGETHER, first.shape[0] - 1):
+                wider = beam(sun, order[first[p] : first[last + 1]])
+                if not wider.narrow or wider.sine > _WIDEST * wider.low:
+                    break
+                whole, last = wider, last + 1
+            shaders = _candidates(tests, whole, False, mirrors, cells, shaders, ends)
         while t < tests.shape[0]:
             t, most = _sweep_packet(
-                t, tests, bundle, mirrors, cells, tower, tracking, found, blockers, begins, lines, images, room, order,
-                first[p], first[p + 1], turn, names, series, period, sums,
+                t, tests, bundle, mirrors, tower, tracking, found, shaders, ends, blockers, begins, lines, images, room,
+                order, first[p], first[p + 1], turn, names, series, period, sums,
             )  # fmt: skip
             if most > images.present.shape[0]:
                 images, room, frames = images_of(2 * most), room_for(2 * most), rows((_KEPT + 2 * most + 2) * 7)
@@ -327,10 +333,27 @@ def sweep(
                 )
 
 
+@kernel
+def _candidates(tests, bundle, blocking, mirrors, cells, names, begins):
+    """List the candidates of each test heliostat along a bundle of sun directions, or along its target direction.
+
+    Returns the list, a longer array than `names` if needed, and writes the start of each test heliostat to `begins`.
+    """
+    t, limit = 0, np.inf
+    while t < tests.shape[0]:
+        if begins[t] + mirrors.throw.shape[0] > names.shape[0]:
+            names, t = np.empty(2 * names.shape[0], np.int64), 0
+        if blocking:
+            bundle, limit = beam(mirrors.aim, tests[t : t + 1]), mirrors.throw[tests[t]]
+        begins[t + 1] = begins[t] + search(tests[t], bundle, limit, mirrors, cells, names[begins[t] :])
+        t += 1
+    return names
+
+
 @inner
 def _sweep_packet(
-    t, tests, bundle, mirrors, cells, tower, tracking, found, blockers, begins, lines, images, room, order, start, stop,
-    turn, names, series, period, sums,
+    t, tests, bundle, mirrors, tower, tracking, found, shaders, ends, blockers, begins, lines, images, room, order,
+    start, stop, turn, names, series, period, sums,
 ):  # fmt: skip
     """Process a packet for the test heliostats from number t; return the next one and its number of candidates."""
     lanes, used = -(-(stop - start) // GROUP) * GROUP, np.int64(0)
@@ -338,8 +361,11 @@ def _sweep_packet(
         lines.place[m] = -1
     while t < tests.shape[0]:
         i = tests[t]
-        shaders = search(i, bundle, np.inf, mirrors, cells, found)
-        most = shaders + begins[t + 1] - begins[t] + 1
+        count = np.int64(0)
+        for m in range(ends[t], ends[t + 1]):
+            found[count] = shaders[m]
+            count += occludes(i, shaders[m], bundle, np.inf, mirrors)
+        most = count + begins[t + 1] - begins[t] + 1
         if most > images.present.shape[0]:  # not enough room
             return t, most
         if used > _KEPT * (ROW // lanes):
@@ -349,7 +375,7 @@ def _sweep_packet(
         for k in range(lanes):
             store(lines.to_target, 0, k, (mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]))
         used = _sweep_one(
-            i, mirrors, tower, tracking, found[:shaders], blockers[begins[t] : begins[t + 1]], lines, images, room,
+            i, mirrors, tower, tracking, found[:count], blockers[begins[t] : begins[t + 1]], lines, images, room,
             used, lanes,
         )  # fmt: skip
         for c in range(4 if series.shape[2] > 0 else 0):
@@ -472,7 +498,7 @@ def _outlines(
     mirrors: Mirrors,
     cells: Cells,
     tracking: int,
-    to_sun: Floats,
+    sun: Floats,
     tests: Integers,
     places: Integers,
     names: Integers,
@@ -481,12 +507,14 @@ def _outlines(
 ) -> None:
     """Write `corners` and, for each image, its area and heliostat to `whole`; the last row of `whole` has the counts.
 
-    `to_sun` contains rows of one lane. Shapes are as in `mirror_outlines`, except `whole`, which has (tests, 2, images
-    + 1, 2).
+    Shapes are as in `mirror_outlines`, except `sun`, (1, 3), and `whole`, (tests, 2, images + 1, 2).
     """
-    frames, views, to_target, images = rows(14), rows(6), rows(3), images_of(1)
+    to_sun = rows(3)
+    frames, views, to_target, images, only = rows(14), rows(6), rows(3), images_of(1), np.zeros(1, np.int64)
     square, pieces, found = np.empty(8), np.empty(6 * (OUTLINE_CORNERS + 4)), np.empty(names.shape[0] + 1, np.int64)
     write_square(square, 0)
+    for c in range(3):
+        to_sun[c * ROW] = sun[0, c]
     for t in range(tests.shape[0]):
         i = tests[t]
         write_frame(frames, 0, to_sun, mirrors, i, tracking, 1)
@@ -494,8 +522,9 @@ def _outlines(
             to_target[c * ROW] = mirrors.aim[i, c]
         for e in range(2):
             direction, limit = (to_sun, np.inf) if e == 0 else (to_target, mirrors.throw[i])
+            bundle = beam(sun, only) if e == 0 else beam(mirrors.aim, tests[t : t + 1])
             write_axes(views, frames, 0, direction, 1)
-            for m in range(search(i, beam(direction, 1), limit, mirrors, cells, found)):
+            for m in range(search(i, bundle, limit, mirrors, cells, found)):
                 j = found[m]
                 way, reach = offset(mirrors, i, j), mirrors.radius[i] + mirrors.radius[j]
                 apart = dot(way, way) > reach * reach * (1.0 + 1e-12)
@@ -568,10 +597,18 @@ def mirror_outlines(
     corners, whole = np.full((count, 2, images, OUTLINE_CORNERS, 2), np.nan), np.full((count, 2, images + 1, 2), np.nan)
     if count and sun[2] > 0:
         whole[:, :, -1] = 0.0
-        to_sun = np.zeros(3 * ROW)
-        to_sun[::ROW] = sun
         tests = np.flatnonzero((names >= start) & (names < stop))
-        _outlines(mirrors, cells, tracking, to_sun, tests, names[tests] - start, names, corners, whole)
+        _outlines(
+            mirrors,
+            cells,
+            tracking,
+            np.array(sun, np.float64, ndmin=2),
+            tests,
+            names[tests] - start,
+            names,
+            corners,
+            whole,
+        )
     return Outlines(corners, whole[:, :, :-1, 0], whole[:, :, :-1, 1], whole[:, :, -1, 0])
 
 

@@ -201,17 +201,17 @@ def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells, Integers]:
 
 
 @inner
-def beam(directions: Floats, count: int) -> Beam:
-    """Return the bundle of the first `count` lanes of rows of unit vectors."""
+def beam(directions: Floats, some: Integers) -> Beam:
+    """Return the bundle of some of the unit vectors, shape (N, 3)."""
     x = y = z = 0.0
-    for k in range(count):
-        d = load(directions, 0, k)
+    for m in some:
+        d = directions[m, 0], directions[m, 1], directions[m, 2]
         x, y, z = x + d[0], y + d[1], z + d[2]
     length, level = max(np.sqrt(x * x + y * y + z * z), 1e-300), max(np.sqrt(x * x + y * y), 1e-300)
     axis, gx, gy = (x / length, y / length, z / length), x / level, y / level
     cosine = plan = low = 1.0
-    for k in range(count):
-        d = load(directions, 0, k)
+    for m in some:
+        d = directions[m, 0], directions[m, 1], directions[m, 2]
         cosine, low = min(cosine, dot(axis, d)), min(low, abs(d[2]))
         level = np.sqrt(d[0] * d[0] + d[1] * d[1])
         plan = min(plan, (gx * d[0] + gy * d[1]) / level) if level > 1e-12 else -1.0
@@ -266,7 +266,7 @@ def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, f
             start, last = int(min(max(west, 0.0), cells.columns - 1.0)), int(min(east, cells.columns - 1.0))
             for j in range(cells.first[row * cells.columns + start], cells.first[row * cells.columns + last + 1]):
                 found[count] = j
-                count += _occludes(i, j, bundle, limit, mirrors)
+                count += occludes(i, j, bundle, limit, mirrors)
     return count
 
 
@@ -278,8 +278,11 @@ def offset(mirrors: Mirrors, i: int, j: int) -> Vector:
 
 
 @inline
-def _occludes(i, j, bundle, limit, mirrors):
-    """Test the angle between D and the axis by comparing squares, to avoid a square root."""
+def occludes(i: int, j: int, bundle: Beam, limit: float, mirrors: Mirrors) -> bool:
+    """Test whether heliostat j may occlude heliostat i along a direction of the bundle.
+
+    The angle between D and the axis is tested by comparing squares, to avoid a square root.
+    """
     d, reach = offset(mirrors, i, j), (mirrors.radius[i] + mirrors.radius[j]) * _SLACK
     square, ahead = dot(d, d), dot(d, bundle.axis)
     near = (square <= reach * reach) | (bundle.cosine <= 0.0)
