@@ -49,7 +49,7 @@ from heliosweep.config.sites import (
     site_table,
     with_sites,
 )
-from heliosweep.config.source import Source, parse, read
+from heliosweep.config.source import Source, parse, read, text_of
 from heliosweep.config.study import Dimension, Study, id_of, parameters, replaced, yaml_text
 from heliosweep.config.tables import (
     HEADER,
@@ -63,7 +63,6 @@ from heliosweep.config.tables import (
     separator_of,
     split_title,
     table_lines,
-    table_text,
     variable_name,
 )
 from heliosweep.config.times import (
@@ -220,7 +219,7 @@ __all__ = [
     "site_table",
     "split_title",
     "table_lines",
-    "table_text",
+    "text_of",
     "to_utc",
     "translate",
     "validated",

@@ -6,6 +6,7 @@ The YAML text is parsed event by event into mappings, lists and scalars only. Sc
 
 from __future__ import annotations
 
+import codecs
 import os
 import pathlib
 import re
@@ -20,8 +21,8 @@ from heliosweep.config.faults import Path, in_short
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import user_path
 
-#: Maximum size of a study file [bytes], and its maximum nesting depth.
-MAX_BYTES, MAX_DEPTH = 2**20, 50
+#: Maximum nesting depth of a study file.
+MAX_DEPTH = 50
 
 _WORDS = {
     word: value
@@ -123,22 +124,41 @@ def read(path: str | os.PathLike[str]) -> Source:
         path = user_path(path)
     except TypeError:
         raise TypeError(f"a study is the path of a study file or a mapping, not {type(path).__name__}") from None
+    return parse(text_of(path, str(path), 2**20), path)
+
+
+def text_of(path: pathlib.Path, name: str, most_bytes: int = 64 * 2**20, *, old: bool = False) -> str:
+    """Return the text of a study file or a table. Messages refer to `name`.
+
+    If `old` is True, text that is not UTF-8 is read as Latin-1. Raises StudyError if the file cannot be read, is larger
+    than `most_bytes`, or is not UTF-8.
+    """
+    line, data, text, problem = None, b"", "", ""
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        whole = path.with_name(f"{path.name}.yaml") if isinstance(error, FileNotFoundError) and path.name else None
-        hint = f"; did you mean {whole}?" if whole and whole.is_file() else ""
-        reason = getattr(error, "strerror", None) or error
-        raise StudyError(Problem(f"cannot be read: {reason}{hint}", file=str(path))) from None
-    if len(content) > MAX_BYTES:
-        raise StudyError(Problem("is larger than 1 MiB: check that it is a study file", file=str(path)))
-    try:
-        text = content.decode("utf-8-sig")
+        if path.exists() and not path.is_file():
+            problem = "is a folder, not a file" if path.is_dir() else "is not a regular file"
+        elif path.stat().st_size > most_bytes:
+            problem = f"is larger than {most_bytes // 2**20} MiB: check that it is the right file"
+        else:
+            data = path.read_bytes()
+            wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text" of Excel
+            text = data.decode("utf-16" if wide else "utf-8-sig")
+    except FileNotFoundError:
+        whole = path.with_name(f"{path.name}.yaml")
+        problem = f"there is no such file{f'; did you mean {whole}?' if whole.is_file() else ''}"
     except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise StudyError(Problem("is not UTF-8 text: save the file as UTF-8", file=str(path), line=line)) from None
-    return parse(text, path)
+        text = data.decode("latin-1") if old else ""
+        line = data[: error.start].count(b"\n") + 1
+        problem = "" if old else "is not UTF-8 text: save it as UTF-8"
+    except (OSError, ValueError) as error:
+        problem = f"cannot be read: {getattr(error, 'strerror', error)}"
+    if data.startswith(b"PK\x03\x04"):
+        line, problem = None, "is a spreadsheet or an archive, not text: save the sheet as CSV (UTF-8)"
+    elif "\0" in text:
+        line, problem = text[: text.index("\0")].count("\n") + 1, "is a binary file, not text"
+    if problem:
+        raise StudyError(Problem(problem, file=name, line=line))
+    return text
 
 
 def from_python(value: Any) -> Any:

@@ -12,7 +12,6 @@ skipped. Ambiguous numbers and dates are rejected. The columns are declared as d
 
 from __future__ import annotations
 
-import codecs
 import csv
 import re
 import unicodedata
@@ -26,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.faults import did_you_mean, nearest
+from heliosweep.config.source import text_of
 from heliosweep.config.values import is_unit
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
@@ -154,8 +154,6 @@ def hint(text: str) -> str:
     return "; give the order in the title of the column, such as time (DD/MM/YYYY hh:mm)"
 
 
-#: Maximum size of a table: 600 bytes for each of 100,000 heliostats. [bytes]
-MAX_BYTES = 64 * 2**20
 #: Maximum number of listed problems of a table; further problems are only counted.
 MAX_LISTED = 20
 #: Row index of the header in problems.
@@ -411,7 +409,7 @@ def read_table(
     columns: Mapping[str, Column],
     *,
     others: bool = False,
-    most_bytes: int | None = None,
+    most_bytes: int = 64 * 2**20,
     rows: str = "rows",
     most_rows: int | None = None,
     needs: str = "a header and rows",
@@ -427,7 +425,7 @@ def read_table(
     columns : mapping of str to Column
         Declared columns. `others` allows further columns.
     most_bytes : int, optional
-        As in `table_text`.
+        Maximum size of the file. [bytes]
     rows, most_rows, needs
         As in `Table`.
     also : callable, optional
@@ -440,7 +438,7 @@ def read_table(
     StudyError
         If the file cannot be read, or if its header or rows are invalid.
     """
-    lines = table_lines(table_text(path, name, most_bytes))
+    lines = table_lines(text_of(path, name, most_bytes))
     table = Table(name, lines, rows=rows, most_rows=most_rows, needs=needs)
     if titles:
         given = {variable_name(title): key for key, title in titles.items()}
@@ -454,39 +452,6 @@ def read_table(
         also(table)
     table.check_rows()
     return table
-
-
-def table_text(path: Path, name: str, most_bytes: int | None = None, *, old: bool = False) -> str:
-    """Return the text of a table. Messages refer to `name`.
-
-    If `old` is True, text that is not UTF-8 is read as Latin-1. Raises StudyError if the file cannot be read, is larger
-    than `most_bytes` (default: `MAX_BYTES`), or is not UTF-8.
-    """
-    most, line, data, text, problem = most_bytes or MAX_BYTES, None, b"", "", ""
-    try:
-        if path.exists() and not path.is_file():
-            problem = "is a folder, not a CSV file" if path.is_dir() else "is not a regular file"
-        elif path.stat().st_size > most:
-            problem = f"is larger than {most // 2**20} MiB"
-        else:
-            data = path.read_bytes()
-            wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text" of Excel
-            text = data.decode("utf-16" if wide else "utf-8-sig")
-    except FileNotFoundError:
-        problem = "there is no such file"
-    except UnicodeDecodeError as error:
-        text = data.decode("latin-1") if old else ""
-        line = data[: error.start].count(b"\n") + 1
-        problem = "" if old else "is not UTF-8 text: save it as CSV (UTF-8)"
-    except (OSError, ValueError) as error:
-        problem = f"cannot be read: {getattr(error, 'strerror', error)}"
-    if data.startswith(b"PK\x03\x04"):
-        line, problem = None, "is a spreadsheet or an archive, not text: save the sheet as CSV (UTF-8)"
-    elif "\0" in text:
-        line, problem = text[: text.index("\0")].count("\n") + 1, "is a binary file, not CSV"
-    if problem:
-        raise StudyError(Problem(problem, file=name, line=line))
-    return text
 
 
 def table_lines(text: str) -> tuple[list[int], list[str]]:

@@ -408,19 +408,14 @@ class Drawn(Sweep):
             values = np.array(self.parts, object if self.holds_names else float)
             return values[np.searchsorted(np.cumsum(self.weights)[:-1], probability, side="right")]
         stats, (a, b, *limits) = scipy.stats, self.parts
-        if self.kind == TRUNCATED:  # in the tail whose probabilities are small and exact
-            low, high = ((limit - a) / b for limit in limits)
-            sign, ndtr = (-1.0 if low > 0 else 1.0), scipy.special.ndtr
-            mass = ndtr(sign * low) * (1 - probability) + ndtr(sign * high) * probability
-            return np.clip(a + b * sign * scipy.special.ndtri(mass), *limits)
         distributions: dict[str, Callable[[], Any]] = {
             NORMAL: lambda: stats.norm(a, b),
+            TRUNCATED: lambda: stats.truncnorm(*((limit - a) / b for limit in limits), a, b),
             UNIFORM: lambda: stats.uniform(a, b - a),
             TRIANGULAR: lambda: stats.triang((b - a) / (limits[0] - a), a, limits[0] - a),
             LOGNORMAL: lambda: stats.lognorm(b, scale=a),
         }
-        found: NDArray[Any] = distributions[self.kind]().ppf(probability)
-        return found
+        return np.clip(distributions[self.kind]().ppf(probability), *self.ends())
 
     def spec(self) -> dict[str, Any]:
         """Return the distribution as plain data for a study file."""
@@ -1059,8 +1054,7 @@ class Distribution:
     @property
     def mean(self) -> float:
         """Mean of the distribution."""
-        first, second = self.parts
-        return first if self.kind == NORMAL else 0.5 * first + 0.5 * second
+        return self.parts[0] if self.kind == NORMAL else 0.5 * self.parts[0] + 0.5 * self.parts[1]
 
     @property
     def width(self) -> float:
@@ -1068,8 +1062,7 @@ class Distribution:
 
         Draws are ``mean + width * deviate`` with standard normal deviates, or uniform deviates between -1 and 1.
         """
-        first, second = self.parts
-        return second if self.kind == NORMAL else 0.5 * second - 0.5 * first
+        return self.parts[1] if self.kind == NORMAL else 0.5 * self.parts[1] - 0.5 * self.parts[0]
 
     def spec(self) -> dict[str, Any]:
         """Return the distribution as plain data for a study file."""

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.config.faults import few_of
+from heliosweep.config.source import text_of
 from heliosweep.config.study import Study
 from heliosweep.config.tables import (
     Column,
@@ -34,7 +35,6 @@ from heliosweep.config.tables import (
     numbers,
     separator_of,
     split_title,
-    table_text,
     variable_name,
 )
 from heliosweep.config.times import FIRST_YEAR, LAST_YEAR, offset_text, parse_timezone, wall_to_utc
@@ -146,7 +146,7 @@ class Sheet:
 def parse_weather(path: Path) -> Sheet:
     """Split a weather file into site, header and rows. Raises StudyError if it is not a weather file."""
     sheet = Sheet(str(path))
-    text = table_text(path, sheet.name, old=True)
+    text = text_of(path, sheet.name, old=True)
     if not text.strip():
         raise StudyError(Problem("is empty: it needs a row for each interval", file=sheet.name))
     if text.lstrip()[:1] == "{":
@@ -531,8 +531,8 @@ def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
     if key == "date":
         days, times = texts, table.texts("hour") if "hour" in table.header else [""] * len(texts)
     elif {"date", "day"} & {*table.header}:
-        is_dated = "date" in table.header
-        days, times = table.texts("date") if is_dated else _read_parts(table, sheet).astype("datetime64[D]"), texts
+        days, times = table.texts("date") if "date" in table.header else [], texts
+        days = days or list(map(str, _read_parts(table, sheet).astype("datetime64[D]")))
     else:
         return texts
     times = [f"{int(time):02}:00" if time.isdecimal() and len(time) < 3 else time for time in times]

@@ -70,7 +70,7 @@ class Weathers:
     def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> Irradiance:
         """Return the irradiance at a point, given its index and its values of `sun.PLACE`."""
         row = 0 if self._axis is None else index[self._axis]
-        sky = tuple(None if column is None else column[index] for column in self._sky)
+        sky: tuple[Any, ...] = tuple(None if column is None else column[index] for column in self._sky)
         key = (row, tuple(place), sky)
         if self._last[0] != key:
             source, here = self.source(index), self._instants.at_sites(row)

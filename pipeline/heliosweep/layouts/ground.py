@@ -17,7 +17,7 @@ from warnings import catch_warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config import table_text
+from heliosweep.config import text_of
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
 from heliosweep.kernels.compiled import Floats
@@ -114,7 +114,7 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     """
     need, text, polygons = _checker(path, key), "", np.empty(0, object)
     try:
-        text = re.sub(r"(?m)^#.*$", "", table_text(path, path.name)).strip()
+        text = re.sub(r"(?m)^#.*$", "", text_of(path, path.name)).strip()
     except StudyError as error:
         need(False, error.problems[0].message)
     form, read = ("GeoJSON", shapely.from_geojson) if text.startswith("{") else ("WKT", shapely.from_wkt)

@@ -34,7 +34,7 @@ from heliosweep.config import (
     separator_of,
     split_title,
     table_lines,
-    table_text,
+    text_of,
     variable_name,
 )
 from heliosweep.errors import Problem, StudyError, listed, printable
@@ -388,7 +388,7 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
         column.
     """
     name = str(path) if name is None else name
-    return read_text(table_text(Path(path), name), name, reserved)
+    return read_text(text_of(Path(path), name), name, reserved)
 
 
 def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:

@@ -162,10 +162,11 @@ _HELIOSTAT = _record(
     facet_properties=_record(facets=Annotated[tuple[_FACET, ...], Field(min_length=1)]),
     kinematics_properties=_record(concentrator_translation_n=_number("m", -10, 10)),
 )
+_RADIUS: Any = Annotated[float | None, _number("m", 0.1, 1000)]
 _TARGET: Any = create_model(
     "Record",
     __base__=_record(normal_vector=_VECTOR, coordinates=dict[str, _POSITION]),
-    radius=(Annotated[float | None, _number("m", 0.1, 1000)], None),
+    radius=(_RADIUS, None),
 )
 _MOTORS = ("axis_1_motor_position", "axis_2_motor_position")
 _MEASUREMENT = _record(
@@ -299,15 +300,11 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     folder = user_path(folder)
     files = _heliostat_files(folder)
     origin, receiver, centre, about = _read_tower(folder, target)
-    mirrors: list[_Mirror] = []
-
-    def read_mirror(path: Path) -> None:
-        mirrors.append(_mirror(path, origin))
-        across, rows, gap = mirrors[0].grid
-        message = f"must be {across} x {rows} facets with gaps of {gap:g} m, like the other heliostats of the field"
-        _need(mirrors[-1].grid == mirrors[0].grid, path, ("facet_properties",), message)
-
-    _each(files.values(), read_mirror)
+    mirrors: list[_Mirror] = _each(files.values(), lambda path: _mirror(path, origin))
+    across, rows, gap = mirrors[0].grid
+    message = f"must be {across} x {rows} facets with gaps of {gap:g} m, like the other heliostats of the field"
+    for path, mirror in zip(files.values(), mirrors, strict=True):
+        _need(mirror.grid == mirrors[0].grid, path, ("facet_properties",), message)
     pivots = np.array([mirror.pivot for mirror in mirrors]) - (*centre[:2], 0.0)
     columns: dict[str, Any] = {"id": np.array(list(files)), "target": np.full(len(files), target)}
     for key in ("width", "height", "canting_distance"):

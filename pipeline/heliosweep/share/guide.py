@@ -211,7 +211,7 @@ def _hint(wanted: str, chosen: list[str]) -> str:
     for name in chosen:
         known |= {variable: attrs["long_name"] for variable, attrs in _variables(name).items()}
     if alike := [name for name in keys if word in name.rpartition(".")[2]]:
-        return f"keys with this word are {few_of(sorted(alike, key=lambda name: not name.endswith(f'.{word}')))}"
+        return f"keys with this word are {few_of(sorted(alike, key=lambda name: not str(name).endswith(f'.{word}')))}"
     if remedy := SYNONYMS.get(word):
         return remedy
     words = word.replace("_", " ")

@@ -172,27 +172,22 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 def made(folder: Path) -> Iterator[None]:
     """Create a result folder and check that it is writable; remove it if it remains empty. Raises StudyError."""
     created: list[Path] = []
-
-    def remove_empty() -> None:
+    try:
+        try:
+            created += [place for place in (folder, *folder.parents) if not place.exists()]
+            folder.mkdir(parents=True, exist_ok=True)
+            with TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            problem = f"cannot write there: {error.strerror}; give another folder with --output"
+            raise StudyError(Problem(problem, file=str(folder))) from None
+        yield
+    except BaseException:
+        if folder.is_dir() and {entry.name for entry in folder.iterdir()} <= {LOCK}:
+            (folder / LOCK).unlink(missing_ok=True)
         for place in created:
             with suppress(OSError):  # the folder is not empty
                 place.rmdir()
-
-    try:
-        created += [place for place in (folder, *folder.parents) if not place.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        remove_empty()
-        problem = f"cannot write there: {error.strerror}; give another folder with --output"
-        raise StudyError(Problem(problem, file=str(folder))) from None
-    try:
-        yield
-    except BaseException:
-        if {entry.name for entry in folder.iterdir()} <= {LOCK}:
-            (folder / LOCK).unlink(missing_ok=True)
-        remove_empty()
         raise
 
 
