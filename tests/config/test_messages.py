@@ -61,7 +61,7 @@ def test_unreadable_content(content: bytes, said: str, tmp_path: Path, monkeypat
 
 def test_unreadable_files(tmp_path: Path) -> None:
     for path in (tmp_path / "missing.yaml", tmp_path, "nul\0.yaml"):
-        with pytest.raises(StudyError, match="there is no such file|is a folder|cannot be read: "):
+        with pytest.raises(StudyError, match=r"there is no such file|is a folder|cannot be read: "):
             load(path, REGISTRY)
 
 

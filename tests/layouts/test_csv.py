@@ -100,7 +100,7 @@ def test_files_that_cannot_be_read(tmp_path):
     assert problems(Path("/dev/null")) == ["field.csv: is not a regular file"]
     path = tmp_path / "large.csv"
     path.write_text("x,y\n1,2\n")
-    with pytest.raises(StudyError, match="field.csv: is larger than"):
+    with pytest.raises(StudyError, match=r"field\.csv: is larger than"):
         text_of(path, "field.csv", 5)
 
 

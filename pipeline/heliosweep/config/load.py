@@ -123,10 +123,8 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
 
     Messages begin with `prefix` and the key. Raises a StudyError that lists all problems.
     """
-    values = {name: value for name, value in given.items() if value is not None}
-    for name, value in values.items():
-        if isinstance(value, str) and (read_value := scalar(value)) is not None:
-            values[name] = read_value
+    given = {name: value for name, value in given.items() if value is not None}
+    values = {name: scalar(value) if isinstance(value, str) else value for name, value in given.items()}
     try:
         block = Execution.model_validate(values)
     except ValidationError as error:
@@ -255,7 +253,7 @@ def validated(
     if family not in names:
         message = f"unknown family{did_you_mean(str(family), names) or f'; use {one_of(names)}'} (got {shown(family)})"
         message = f"is missing: {one_of(names)}" if family is None else message
-        raise _refusal([*problems, source.problem(("family",), message)])
+        _refuse([*problems, source.problem(("family",), message)])
     study_class = registry[str(family)]
     source = with_patterns(source, study_class)
     if {"site", "sites"} & set(study_class.model_fields):
@@ -270,16 +268,13 @@ def validated(
     empty = (source.problem(path, "is empty: write a value, or remove the key") for path in _nulls(source.data))
     problems += [*found, *(problem for problem in islice(empty, MAX_PROBLEMS + 1) if problem.key not in unknown)]
     problems += islice(_missing_files(study_class, source), MAX_PROBLEMS + 1)
-    if problems:
-        raise _refusal(problems)
+    _refuse(problems)
     study._source = source
     # Later checks may depend on earlier checks.
     for find in (search_problems, _shared_dimensions, _zip_problems, _repeats, sample_problems, _same_files):
-        if problems := list(islice(find(study), MAX_PROBLEMS + 1)):
-            raise _refusal(problems)
+        _refuse(islice(find(study), MAX_PROBLEMS + 1))
     bind_draws(study)
-    if problems := list(study.check()) if check else []:
-        raise _refusal(problems)
+    _refuse(study.check() if check else ())
     return study
 
 
@@ -372,10 +367,12 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
             yield source.problem(path, error.problems[0].message)
 
 
-def _refusal(problems: Iterable[Problem]) -> StudyError:
+def _refuse(problems: Iterable[Problem]) -> None:
+    """Raise a StudyError if there are problems, and list the first ones by their positions."""
     ordered = sorted(problems, key=lambda one: (one.unlisted > 0, one.file, one.line or 0, one.column or 0, one.key))
     if len(ordered) > MAX_PROBLEMS:
         rest = sum(problem.unlisted or 1 for problem in ordered[MAX_PROBLEMS:])
         more = Problem(f"and at least {rest} more problems", file=ordered[0].file, unlisted=rest)
         ordered = [*ordered[:MAX_PROBLEMS], more]
-    return StudyError(ordered)
+    if ordered:
+        raise StudyError(ordered)

@@ -48,10 +48,10 @@ def percentiles_of_draws(
 
 def _independent(values: NDArray[np.float64], design: Design) -> NDArray[np.float64]:
     """Return the draws that follow the distributions. In each half, draw k belongs to Sobol sequence k modulo 8."""
-    if design.sensitivity != SOBOL:
-        return np.ascontiguousarray(values)
-    points = _by_point(values, design)
-    return np.concatenate([points[..., 0], points[..., -1]], axis=-1)
+    if design.sensitivity == SOBOL:
+        points = _by_point(values, design)
+        values = np.concatenate([points[..., 0], points[..., -1]], axis=-1)
+    return np.ascontiguousarray(values)
 
 
 def _by_point(values: NDArray[np.float64], design: Design) -> NDArray[np.float64]:

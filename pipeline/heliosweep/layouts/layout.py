@@ -205,10 +205,9 @@ class Layout:
         ndarray, shape (heliostat, 2)
             Focal lengths. [m]
         """
-        words = {"flat": np.full(len(self), np.inf), "slant": slant}
-        if focus in words:
-            return np.stack([words[str(focus)]] * 2, axis=1)
-        return np.stack([self.values(name, focus, np.inf) for name in ("focal_x", "focal_y")], axis=1)
+        given = {"flat": np.inf, "slant": None}.get(str(focus), focus)
+        lengths = [slant if focus == "slant" else self.values(name, given, np.inf) for name in ("focal_x", "focal_y")]
+        return np.stack(lengths, axis=1)
 
 
 def label_of(columns: Container[Any]) -> str:
@@ -261,9 +260,8 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> lis
         distance, other = scipy.spatial.cKDTree(points).query(points, k=nearest)
     row = np.broadcast_to(np.arange(len(points))[:, np.newaxis], other.shape)
     close = (row != other) & (distance < (limits[row] + limits[other]) / 2)
-    pairs, gaps = np.sort(np.stack([row[close], other[close]], axis=1), axis=1).tolist(), distance[close].tolist()
-    unique = {(low, high): gap for (low, high), gap in zip(pairs, gaps, strict=True)}
-    return [(low, high, gap) for gap, low, high in sorted((gap, *pair) for pair, gap in unique.items())]
+    pairs = zip(distance[close].tolist(), row[close].tolist(), other[close].tolist(), strict=True)
+    return [(low, high, gap) for gap, low, high in sorted({(gap, *sorted(pair)) for gap, *pair in pairs})]
 
 
 def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[list[Problem], list[Problem]]:

@@ -338,11 +338,6 @@ class LayoutAxis:
         return coordinates
 
 
-def mirror_size(layout: Layout, side: str, given: float | None) -> np.ndarray:
-    """Return the width or height of each mirror [m]: the value in the study, otherwise the layout column."""
-    return layout.columns[side].astype(float) if given is None else np.full(len(layout), float(given))
-
-
 def longest(study: Study, key: str = "layout") -> int:
     """Return the number of heliostats in the longest layout of a study.
 

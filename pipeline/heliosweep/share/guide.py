@@ -167,10 +167,8 @@ def _lines(keys: Iterable[Key], indent: str = "") -> list[str]:
 def _folded(indent: str, *texts: str) -> list[str]:
     """Return indented lines that fit in the terminal; each text starts on a new line."""
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
-    options: Any = {"break_long_words": False, "break_on_hyphens": False, "drop_whitespace": True}
-    further = f"{indent}    "
-    return [line for text in texts for line in textwrap.wrap(text, width, initial_indent=indent,
-                                                             subsequent_indent=further, **options)]  # fmt: skip
+    further: Any = {"subsequent_indent": f"{indent}    ", "break_long_words": False, "break_on_hyphens": False}
+    return [line for text in texts for line in textwrap.wrap(text, width, initial_indent=indent, **further)]
 
 
 def _explained(family: str, key: Key) -> str:
@@ -178,13 +176,15 @@ def _explained(family: str, key: Key) -> str:
     lines = _folded("  ", f"{key.meaning}{f' (only with {key.only})' if key.only else ''}".replace("`", ""))
     lines += _folded("    ", *(f"{name}: {meaning}" for name, meaning in key.options))
     other = {"m": "ft", "deg": "rad", "mrad": "deg", "h": "min", "B": "GB", "s": "min"}
-    rows = {"value": "" if inner else key.value.replace("`", "")}
-    rows["unit"] = f'{key.unit}; other units must be written out, such as "1 {other.get(key.unit, key.unit)}"'
-    rows["sweep"] = "[A, B, C], {start: A, stop: B, step: C} or {start: A, stop: B, num: N}; "
-    rows["sweep"] += "averaged over" if key.sampled else "a dimension of the result"
-    rows["default"] = key.default.strip("`") or ("none; the key is required" if key.required else "not given")
-    omitted = {"unit": not key.unit or bool(inner), "sweep": not key.swept}
-    lines += _folded("  ", *(f"{name:9}{text}" for name, text in rows.items() if text and not omitted.get(name)))
+    swept = "averaged over" if key.sampled else "a dimension of the result"
+    rows = {
+        "value": key.value.replace("`", "") * (not inner),
+        "unit": f'{key.unit}; other units must be written out, such as "1 {other.get(key.unit, key.unit)}"'
+        * (bool(key.unit) and not inner),
+        "sweep": f"[A, B, C], {{start: A, stop: B, step: C}} or {{start: A, stop: B, num: N}}; {swept}" * key.swept,
+        "default": key.default.strip("`") or ("none; the key is required" if key.required else "not given"),
+    }
+    lines += _folded("  ", *(f"{name:9}{text}" for name, text in rows.items() if text))
     return "\n".join([*lines, *_lines(inner, "    ")])
 
 

@@ -71,7 +71,7 @@ from heliosweep.grid import LIMITS, MAX_INSTANTS, PLACE, Parameters, Suns, insta
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.rays import warm_rays
-from heliosweep.layouts.resolve import Layouts, longest, mirror_size, weighted_mean
+from heliosweep.layouts.resolve import Layouts, longest, weighted_mean
 from heliosweep.lazy import xr
 from heliosweep.light import TRACKING, mirror_area
 
@@ -464,7 +464,7 @@ def _design_heat(points: Points, power: np.ndarray) -> np.ndarray:
 
 def _sides(point: Point, layout: Layout) -> tuple[Any, Any]:
     """Return the width and height of the mirrors in a layout. [m]"""
-    width, height = (mirror_size(layout, key.rpartition(".")[2], point[key]) for key in _SIZES)
+    width, height = (layout.values(key.rpartition(".")[2], point[key]) for key in _SIZES)
     return width, height
 
 
