@@ -252,12 +252,9 @@ def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | 
         message = f"must be the start of the first zone, {zones[0].start:.6g}, or be omitted"
         problems.append(Problem(message, "inner_radius"))
     for key, radius in (radii or {"inner_radius": inner_radius}).items():
-        if radius < least * (1 - ROUNDING):
-            message = f"must be at least half the clearance, {least:.6g} m (got {radius:.6g})"
-            problems.append(Problem(message, key))
-        elif radius > most:
-            message = f"a ring of {radius:.6g} m has more than {MAX_HELIOSTATS:,} heliostats at this clearance"
-            problems.append(Problem(message, key))
+        if not least * (1 - ROUNDING) <= radius <= most:
+            rule = f"must be from {least:.6g} m, half the clearance, to {most:.6g} m, a ring of {MAX_HELIOSTATS:,}"
+            problems.append(Problem(f"{rule} heliostats (got {radius:.6g})", key))
     for index, zone in enumerate(zones or ()):
         finest = _angle_apart(zone.start, zone.start, clearance)
         if zone.pitch is not None and zone.pitch < finest * (1 - ROUNDING):
@@ -270,12 +267,12 @@ def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | 
 def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
     nearest = -math.inf
     for index, zone in enumerate(zones):
-        nearest_text = f"{math.ceil(nearest * 1000) / 1000} m or more" if index else ""
         if zone.start < nearest * (1 - ROUNDING):
             message = "the zone must start at least one clearance outside the last ring of the previous zone, at "
-            raise StudyError(Problem(f"{message}{nearest_text} (got {zone.start})", f"zones.{index}.start"))
-        count = 0
-        for ring in islice(_zone(clearance, zone.start, *_pitch(clearance, zone.start, zone.pitch)), zone.rings):
+            message += f"{math.ceil(nearest * 1000) / 1000} m or more (got {zone.start})"
+            raise StudyError(Problem(message, f"zones.{index}.start"))
+        count, rings = 0, _zone(clearance, zone.start, *_pitch(clearance, zone.start, zone.pitch))
+        for ring in islice(rings, zone.rings):
             nearest, count = ring.radius + clearance, count + 1
             yield ring
         if count < zone.rings:
