@@ -12,6 +12,8 @@ import pathlib
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import getitem
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -79,10 +81,8 @@ class Source:
 
     def value(self, path: Path) -> Any:
         """Return the data at `path`. Raises KeyError, IndexError or TypeError if the path does not exist."""
-        value: Any = self.data
-        for part in path:
-            value = value[part]
-        return value
+        data: Any = self.data
+        return reduce(getitem, path, data)
 
     def path_of(self, key: str) -> Path:
         """Return the path of a key in the notation of messages, ``sites[0].latitude`` or ``sites.0.latitude``."""

@@ -291,8 +291,22 @@ class Study(Block):
         return seen_from(folder, self.resolve(name))
 
     def _digest(self, key: str, name: str) -> str:
+        """Return the SHA-256 of a table (without line ends, empty lines and comments) or of a complete binary file."""
         try:
-            return _digest_of(self.resolve(name))
+            path, digest, separator = self.resolve(name), hashlib.sha256(), b""
+            with path.open("rb") as file:
+                if os.fstat(file.fileno()).st_size > MAX_BYTES:  # the limits for tables and images are much lower
+                    raise ValueError(f"{in_short(path.name)} is larger than {MAX_BYTES // 2**20} MiB")
+                binary = b"\0" in file.read(8192)
+                file.seek(0)
+                if binary:
+                    return hashlib.file_digest(file, "sha256").hexdigest()
+                for number, part in enumerate(file):
+                    for line in (part if number else part.removeprefix(codecs.BOM_UTF8)).splitlines():
+                        if line.strip() and not line.startswith(b"#"):
+                            digest.update(separator + line)
+                            separator = b"\n"
+            return digest.hexdigest()
         except (OSError, ValueError) as error:
             reason = f"cannot read {in_short(name)}: {error.strerror}" if isinstance(error, OSError) else error
             raise StudyError(self.problem(key, str(reason))) from None
@@ -349,27 +363,6 @@ def plain(value: Any, rewrite: Callable[[Parameter | None, Any], Any] = lambda _
 def yaml_text(content: Mapping[str, Any]) -> str:
     """Return plain data as the text of a study file."""
     return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
-
-
-def _digest_of(path: pathlib.Path) -> str:
-    """Return the SHA-256 of a table (without line ends, empty lines and comments) or of a complete binary file.
-
-    Raises OSError if the file cannot be read, and ValueError if it is too large.
-    """
-    with path.open("rb") as file:
-        if os.fstat(file.fileno()).st_size > MAX_BYTES:  # the limits for tables and images are much lower
-            raise ValueError(f"{in_short(path.name)} is larger than {MAX_BYTES // 2**20} MiB")
-        binary = b"\0" in file.read(8192)
-        file.seek(0)
-        if binary:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-        digest, separator = hashlib.sha256(), b""
-        for number, part in enumerate(file):
-            for line in (part if number else part.removeprefix(codecs.BOM_UTF8)).splitlines():
-                if line.strip() and not line.startswith(b"#"):
-                    digest.update(separator + line)
-                    separator = b"\n"
-    return digest.hexdigest()
 
 
 class _Dumper(yaml.SafeDumper):

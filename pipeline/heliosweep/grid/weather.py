@@ -17,6 +17,7 @@ from heliosweep.grid.sun import MAX_INSTANTS, PLACE, Suns, civil_intervals, inst
 from heliosweep.kernels.compiled import Floats, Integers
 from heliosweep.kernels.sun import refracted
 from heliosweep.lazy import pd, pvlib
+from heliosweep.sun import direction
 
 #: Operating limits of a field. A lost instant is attributed to the first violated limit in this order.
 CAUSES = ("dni", "sun_elevation", "wind_speed")
@@ -316,9 +317,8 @@ def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64
 
 
 def _elsewhere(study: Any, file: WeatherFile, latitude: float, longitude: float) -> Iterator[Problem]:
-    (lat, lon), (north, east) = np.radians([[file.latitude, file.longitude], [latitude, longitude]])
-    half = np.sin((north - lat) / 2) ** 2 + np.cos(lat) * np.cos(north) * np.sin((east - lon) / 2) ** 2
-    distance = 2 * 6371.0 * np.arcsin(np.sqrt(min(half, 1.0)))
+    apart = np.linalg.norm(direction(file.longitude, file.latitude) - direction(longitude, latitude))  # chord [1]
+    distance = 2 * 6371.0 * np.arcsin(np.minimum(apart / 2, 1.0))
     if distance > FARTHEST:
         yield study.problem("weather.file", (
             f"{file.name} is for another site: latitude {file.latitude:g}, longitude {file.longitude:g} deg, "
