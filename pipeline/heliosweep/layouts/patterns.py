@@ -253,8 +253,8 @@ def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | 
         problems.append(Problem(message, "inner_radius"))
     for key, radius in (radii or {"inner_radius": inner_radius}).items():
         if not least * (1 - ROUNDING) <= radius <= most:
-            rule = f"must be from {least:.6g} m, half the clearance, to {most:.6g} m, a ring of {MAX_HELIOSTATS:,}"
-            problems.append(Problem(f"{rule} heliostats (got {radius:.6g})", key))
+            rule = f"must be from {least:.6g} m, half the clearance, to {most:.6g} m, because a larger ring has more "
+            problems.append(Problem(f"{rule}than {MAX_HELIOSTATS:,} heliostats (got {radius:.6g})", key))
     for index, zone in enumerate(zones or ()):
         finest = _angle_apart(zone.start, zone.start, clearance)
         if zone.pitch is not None and zone.pitch < finest * (1 - ROUNDING):
