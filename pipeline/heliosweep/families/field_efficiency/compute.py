@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.aiming import VARIABLES
+from heliosweep.aiming import VARIABLES, choose_aims
 from heliosweep.config import SunDirections
 from heliosweep.economics import ITEMS
 from heliosweep.families.family import Computation
@@ -72,7 +72,7 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.rays import warm_rays
 from heliosweep.layouts.resolve import Layouts, longest, weighted_mean
-from heliosweep.lazy import xr
+from heliosweep.lazy import scipy, xr
 from heliosweep.light import TRACKING, mirror_area
 
 if TYPE_CHECKING:
@@ -115,7 +115,6 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
     """Return the variables of a study with the functions that compute them."""
     shapes = study.output.outlines
     outlined = _OUTLINES | {"image": (np.arange(shapes), _OUTLINES["image"][1])} if shapes else {}
-    polygons = study.optics is None or shapes
     traced_series = is_series_traced(study)
     return Computation(
         function=compute_point,
@@ -125,7 +124,7 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         attrs=partial(_attributes, study),
         inputs=partial(Inputs, study),
         finish=finish,
-        prepare=partial(efficiency.warm_field, bool(shapes)) if polygons else warm_rays,
+        prepare=partial(_prepare, study),
         # Flux maps, field series and budgets are sums over the field, and `keep` compares all heliostats.
         split=""
         if study.output.flux_map or study.keep or study.budget or traced_series or has_heat(study) or is_limited(study)
@@ -137,6 +136,16 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
         memory=lambda: longest(study) * (FRAME_BYTES + 200 * 16),
         fixed_memory=partial(_fixed_memory, study),
     )
+
+
+def _prepare(study: FieldEfficiencyStudy) -> None:
+    """Compile or load the kernels of a study."""
+    if study.optics is None or study.output.outlines:
+        efficiency.warm_field(bool(study.output.outlines))
+    if study.optics is not None:
+        warm_rays()
+    if is_limited(study):
+        choose_aims(np.ones((1, 1)), scipy.sparse.csr_matrix(np.ones((1, 1), np.float32)), np.ones(1))
 
 
 def _energy_labels(study: FieldEfficiencyStudy) -> dict[str, tuple[np.ndarray, dict[str, str]]]:
