@@ -94,7 +94,7 @@ def test_properties_reach_the_result():
     labels = "focal_length, layout_canting, layout_tracking, zone"
     assert notes[0].endswith(f"results do not depend on the columns {labels}, which are labels")
     assert len(notes) == 3
-    assert notes[1].endswith("the column availability is not used: it needs 'availability'")
+    assert notes[1].endswith("the column availability is not used: 'availability' is not set")
     assert "aim_x, aim_y, aim_z" in notes[2]
     for slope, reflectivity, focus in ((1.0, 0.9, 100.0), (5.0, 0.1, 50.0)):
         same = api.load({

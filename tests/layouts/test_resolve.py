@@ -141,12 +141,12 @@ def test_a_column_counts_if_the_study_gives_no_value(small):
     Path("field.csv").write_text("x,y,width,height,pivot_height,reflectivity\n0,60,4,4,5,0.9\n15,60,4,4,6,0.8\n")
     file = {"file": "field.csv"}
     study = small(**PLACE, layout=file, heliostat={}, receiver={"height": 90})
-    assert list(study.notes()) == ["field.csv: the column reflectivity is not used: it needs 'optics'"]
+    assert list(study.notes()) == ["field.csv: the column reflectivity is not used: 'optics' is not set"]
     study = small(**TWO, layout=file)
     assert list(study.notes()) == [
         "field.csv: the column pivot_height is not used: 'heliostat.pivot_height' applies to all heliostats: remove it "
         "to use the column",
-        "field.csv: the column reflectivity is not used: it needs 'optics'",
+        "field.csv: the column reflectivity is not used: 'optics' is not set",
     ]
     Path("field.csv").write_text("x,y,width,pivot_height\n0,60,4,5\n15,60,-4,n/a\n")
     with pytest.raises(StudyError) as caught:
@@ -171,6 +171,6 @@ def test_mirrors_in_the_ground_and_ground_that_excludes_nothing_are_noticed(smal
     Path("far.wkt").write_text("POLYGON ((29000 31000, 29100 31000, 29100 31100, 29000 31000))")
     study = small(**PLACE, layout={"radial_stagger": {**RINGS, "rings": 2}, "exclude": "far.wkt"})
     assert list(study.notes()) == [
-        "layout.exclude: far.wkt is 42,389 m from the nearest heliostat, has no effect; for map coordinates set "
+        "layout.exclude: far.wkt is 42,389 m from the nearest heliostat and has no effect; for map coordinates set "
         "'layout.origin: [east, north]' of the tower"
     ]

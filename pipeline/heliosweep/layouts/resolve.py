@@ -167,17 +167,17 @@ class Layouts:
         wanted = PROPERTIES[name]
         block, _, key = wanted.key.partition(".")
         if "optics" not in type(self._study).model_fields:
-            return f"the family {self._study.family_name()} does not need it"
+            return f"the family {self._study.family_name()} has no such key"
         if wanted.optical and getattr(self._study, "optics", None) is None:
-            return "it needs 'optics'"
+            return "'optics' is not set"
         parent: Any = getattr(self._study, block or "optics")
         given = getattr(parent, key, None) if key else None
         if given == LAYOUT:
             return None
         if block == "aim":
-            return "'aim: {strategy: layout}' uses it"
+            return "'aim.strategy' is not 'layout'"
         if block and parent is None:
-            return f"it needs '{block}'"
+            return f"'{block}' is not set"
         if given is not None:
             return f"'{wanted.key}' applies to all heliostats: remove it to use the column"
         instead = {
@@ -199,8 +199,8 @@ class Layouts:
                 away = float(shapely.distance(self._area("exclude", name), shapely.points(layout.x, layout.y)).min())
                 if away > 1000.0:
                     remarks.append(
-                        f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat, has no effect; for "
-                        f"map coordinates set '{self._key}.origin: [east, north]' of the tower"
+                        f"{self._key}.exclude: {name} is {away:,.0f} m from the nearest heliostat and has no effect; "
+                        f"for map coordinates set '{self._key}.origin: [east, north]' of the tower"
                     )
             unused: dict[str, list[str]] = {}
             for name in (name for name in PROPERTIES if name in layout.columns):
@@ -221,11 +221,11 @@ class Layouts:
         spacing = Spacing(rule, receiver - pivot, width, height)
         for wrong, key, message in (
             (missing, "spacing",
-             f"needs {' and '.join(missing)}, which this study does not give: remove it, or give them"),
+             f"needs {' and '.join(missing)}, which this study does not set: set them, or remove this key"),
             (spacing.receiver <= height, "spacing",
              f"needs a receiver higher than {pivot + height:g} m, one mirror height above the mirrors' centres"),
             (not spacing.reaches(inner_radius), "inner_radius",
-             f"is so far out that '{rule}' defines no spacing: move the field closer, or raise the receiver"),
+             f"is so large that '{rule}' defines no spacing: move the field closer, or raise the receiver"),
         ):  # fmt: skip
             if wrong:
                 raise StudyError(Problem(message, f"radial_stagger.{key}"))
