@@ -34,6 +34,23 @@ def _bars(
     return drawing
 
 
+def _waterfall(axes: Any, whole: float, lost: Any, rest: float, colours: Sequence[str]) -> None:
+    """Draw bars for the total energy, each loss and the remaining energy, labelled with amounts and percentages."""
+    lengths, starts = np.array([whole, *lost, rest]), np.array([0.0, *(whole - np.cumsum(lost)), 0.0])
+    last, gap = len(lengths) - 1, 0.02 * whole
+    axes.barh(range(len(lengths)), lengths, left=starts, color=colours, height=0.72)
+    for row, (length, start) in enumerate(zip(lengths, starts, strict=True)):
+        share = 100 * length / whole if whole else np.nan
+        amount = f"{length:,.0f}" if abs(length) >= 1000 else f"{length:.3g}"
+        inside = row in (0, last)
+        left = inside or start < 0.4 * whole
+        axes.text(
+            gap if inside else start + length + gap if left else start - gap, row,
+            f"{amount} ({share:.{2 if 0 < share < 0.1 else 1}f} %)", ha="left" if left else "right", va="center",
+            fontsize=7, color="white" if row == last else "black",
+        )  # fmt: skip
+
+
 def energy_losses(result: xr.Dataset) -> Any:
     """Draw a waterfall chart of the energy for some points of the sweep, with amounts and percentages."""
     context, received = Context(result), result["field_receiver_energy"]
@@ -53,19 +70,7 @@ def energy_losses(result: xr.Dataset) -> Any:
         lost = at(result["loss"], fixed, point).to_numpy()[happens]
         whole = float(at(result["field_incident_energy"], fixed, point))
         rest = float(at(result["field_heat" if heat else "field_receiver_energy"], fixed, point))
-        lengths, starts = np.array([whole, *lost, rest]), np.array([0.0, *(whole - np.cumsum(lost)), 0.0])
-        last, gap = len(lengths) - 1, 0.02 * whole
-        axes.barh(range(len(lengths)), lengths, left=starts, color=colours, height=0.72)
-        for row, (length, start) in enumerate(zip(lengths, starts, strict=True)):
-            share = 100 * length / whole if whole else np.nan
-            amount = f"{length:,.0f}" if abs(length) >= 1000 else f"{length:.3g}"
-            inside = row in (0, last)
-            left = inside or start < 0.4 * whole
-            axes.text(
-                gap if inside else start + length + gap if left else start - gap, row,
-                f"{amount} ({share:.{2 if 0 < share < 0.1 else 1}f} %)", ha="left" if left else "right", va="center",
-                fontsize=7, color="white" if row == last else "black",
-            )  # fmt: skip
+        _waterfall(axes, whole, lost, rest, colours)
 
     return _bars(context, points, steps, 0.06, "energy (MWh)", waterfall), context.note(fixed)
 
