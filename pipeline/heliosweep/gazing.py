@@ -311,7 +311,6 @@ def find_slopes(
 
 
 def _profile(given: Any) -> Profile:
-    """Return the sun profile given by an argument."""
     return jose() if given is None else tabulated(given[1], angle=1e-3 * np.asarray(given[0], np.float64))
 
 

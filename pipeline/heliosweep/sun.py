@@ -239,12 +239,10 @@ def _spa() -> Any:
 
 
 def _year_of(nanoseconds: int) -> int:
-    """Return the year of a time since 1970."""
     return 1970 + int(np.datetime64(nanoseconds // DAY, "D").astype("datetime64[Y]").astype(int))
 
 
 def _new_year(year: int) -> int:
-    """Return the number of days from 1 January 1970 to 1 January of a year."""
     return int(np.datetime64(f"{year:04}-01-01", "D").astype(int))
 
 

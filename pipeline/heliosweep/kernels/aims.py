@@ -18,7 +18,6 @@ EXCESS = 1e-12
 
 @inline
 def _add(load, images, row, factor):
-    """Add an image, multiplied by a factor, to the flux in the cells."""
     first, cells, flux = images
     for k in range(first[row], first[row + 1]):
         load[cells[k]] += factor * flux[k]

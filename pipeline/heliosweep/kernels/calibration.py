@@ -54,17 +54,11 @@ from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 #: estimate has no covariance. `NO_OBSERVATIONS`: There is no usable observation; no errors are estimated.
 ESTIMATED, TOO_FEW, INDISTINCT, NOT_CONVERGED, DEPENDENT, EXACT, NO_OBSERVATIONS = range(7)
 
-#: Maximum plausible error of a mount. [rad]
-LARGEST = 0.5
-#: Maximum number of steps, including rejected steps.
-MOST = 200
 #: Number of steps with first derivatives before second derivatives are used.
 PATIENCE = 12
 #: Rounding error of a prediction, relative to the distance between mirror and receiver.
 ROUNDING = 4e-16
 
-#: Number of observations fitted in one batch, to limit memory.
-_SPOTS = 20_000
 #: Codes of the loss functions.
 SQUARED, HUBER, CAUCHY = 0, 1, 2
 #: Codes of the traces: cylinder along the elevation axis, and cylinder up the slope of the mirror.
@@ -167,7 +161,7 @@ def fit(
     """
     limit = CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit
     count, spots = observed.weight.shape
-    step, found = max(1, _SPOTS // max(1, spots)), []
+    step, found = max(1, 20_000 // max(1, spots)), []  # observations of a batch, to limit memory
     with np.errstate(all="ignore"):
         for first in range(0, max(count, 1), step):
             part = slice(first, first + step)
@@ -249,7 +243,7 @@ class _Problem:
         residual, rows, _ = self.predicted(here, errors[here])
         cost = self.cost(here, residual, loss)
         damping, growth, last = np.zeros(len(here)), np.full(len(here), 2.0), np.full(len(here), np.inf)
-        for number in range(MOST):
+        for number in range(200):  # including rejected steps
             if not here.size:
                 break
             gradient, hessian = self.system(here, residual, rows, loss)
@@ -307,7 +301,8 @@ class _Problem:
         status = np.where(enough, np.where(distinct, ESTIMATED, DEPENDENT), TOO_FEW)
         status[distinct & (condition > condition_limit)] = INDISTINCT
         status[failed] = np.where(distinct[failed], NOT_CONVERGED, DEPENDENT)
-        possible = distinct & (np.isfinite(variance) | (equations == p)) & (np.abs(errors).max(axis=1) <= LARGEST)
+        plausible = np.abs(errors).max(axis=1) <= 0.5  # rad
+        possible = distinct & (np.isfinite(variance) | (equations == p)) & plausible
         variance = np.where(enough, spread**2, np.nan) if spread > 0 else variance
         status[possible & np.isin(status, (ESTIMATED, INDISTINCT)) & np.isnan(variance)] = EXACT
         status[distinct & ~possible] = NOT_CONVERGED

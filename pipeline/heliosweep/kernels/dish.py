@@ -25,10 +25,8 @@ from numpy.typing import ArrayLike
 from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
 from heliosweep.kernels.vectors import at_angle, turning
 
-#: The whole mount leans.
-RIGID = 0
-#: Only the azimuth axis leans; the home positions of the other axes do not.
-UNTILTED_HOME_AXES = 1
+#: The whole mount leans, or only the azimuth axis leans and the home positions of the other axes do not.
+RIGID, UNTILTED_HOME_AXES = 0, 1
 #: Maximum chord for which the vectorised series of the arc is used. Its terms after chord^15 are below 2e-17.
 SMALL = 0.24
 #: Coefficients of the odd powers of a chord in the series of its arc, 2 asin(chord / 2).

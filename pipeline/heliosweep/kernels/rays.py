@@ -42,8 +42,6 @@ _DIMENSIONS, _BITS = 8, 30
 #: Degree and coefficients of a primitive polynomial, and first direction numbers, for each dimension [1]_.
 _DIRECTIONS = ((0, 0), (1, 0, 1), (2, 1, 1, 3), (3, 1, 1, 3, 1), (3, 2, 1, 1, 1), (4, 1, 1, 1, 3, 3),
                (4, 4, 1, 3, 5, 13), (5, 2, 1, 1, 5, 5, 17))  # fmt: skip
-#: Steps of the additive recurrence from which each heliostat gets its rotations and shifts: powers of 1 / 1.2207.
-_RECURRENCE = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
 _FAST = {"contract", "nsz", "arcp"}
 _ZERO, _QUARTER, _HALF, _ONE, _TWO, _FAR, _TINY = map(np.float32, (0.0, 0.25, 0.5, 1.0, 2.0, 1e9, 1e-30))
 #: Coefficients of a series of the inverse tangent. [turn]
@@ -872,7 +870,11 @@ def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
     errors = np.stack([np.broadcast_to(error, count) for error in scene.errors], axis=1)
     # Rotations of the sun, specularity and slopes, and a shift on the mirror, so that no two mirrors use the same
     # points.
-    shift = (np.arange(1, count + 1)[:, np.newaxis] * _RECURRENCE + 0.5698402909980532 * seed) % 1.0
+    shift = (
+        np.arange(1, count + 1)[:, np.newaxis]
+        * (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
+        + 0.5698402909980532 * seed
+    ) % 1.0
     angle = 2.0 * math.pi * shift[:, :3]
     spin = np.stack((np.cos(angle), np.sin(angle)), axis=2).reshape(count, 6)
     field = np.column_stack(

@@ -81,12 +81,10 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 
-#: Maximum size of an array over the instants and a block of heliostats [bytes], and minimum heliostats per block [1].
-BLOCK_BYTES, LEAST_BLOCK = 4 * 2**20, 32
+#: Maximum size of an array over the instants and a block of heliostats. [bytes]
+BLOCK_BYTES = 4 * 2**20
 #: Number of rays whose computing time equals that for one heliostat and instant without optics.
 BUNDLE = 64
-#: Maximum number of neighbours that shade a part of the field at low sun, and memory of one mirror. [1, bytes]
-HALO, BYTES_PER_MIRROR = 5000, 200
 
 #: Memory for the frame of one mirror for a packet of sun directions. [bytes]
 FRAME_BYTES = packets.PACKET * 10 * 8
@@ -149,7 +147,6 @@ def _prepare(study: FieldEfficiencyStudy) -> None:
 
 
 def _energy_labels(study: FieldEfficiencyStudy) -> dict[str, tuple[np.ndarray, dict[str, str]]]:
-    """Return the labels for the dimensions of energies and costs."""
     found: dict[str, tuple[np.ndarray, dict[str, str]]] = {}
     if study.weather is not None:
         all_stages = np.array((*stages(study), *(HEAT_STAGES if has_heat(study) else ())), object)
@@ -185,7 +182,8 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
     each += 2 * 640 * (KEPT * is_series_traced(study) or has_heat(study))
     block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * heliostats * instants)
     block += images(study, heliostats, instants)[1]
-    return min(heliostats, HALO) * FRAME_BYTES + heliostats * BYTES_PER_MIRROR + each * instants + block
+    # At low sun, at most 5000 neighbours shade a part of the field.
+    return min(heliostats, 5000) * FRAME_BYTES + heliostats * 200 + each * instants + block
 
 
 def _series(study: FieldEfficiencyStudy) -> bool:
@@ -387,7 +385,7 @@ def _complete(study: FieldEfficiencyStudy) -> bool:
 
 def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
     """Yield ranges of heliostats to compute together. The memory for their values at all instants limits each range."""
-    length = max(LEAST_BLOCK, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
+    length = max(32, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
     length = 4096 if study.optics is not None else length  # mirrors that are traced together
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
@@ -463,7 +461,6 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _design_heat(points: Points, power: np.ndarray) -> np.ndarray:
-    """Return the heat power at the design point for a given power on the receiver. [MW]"""
     heat = np.empty(power.shape)
     for point in points:
         values = values_of([point[key] for key in KEYS])
@@ -472,7 +469,6 @@ def _design_heat(points: Points, power: np.ndarray) -> np.ndarray:
 
 
 def _sides(point: Point, layout: Layout) -> tuple[Any, Any]:
-    """Return the width and height of the mirrors in a layout. [m]"""
     width, height = (layout.values(key.rpartition(".")[2], point[key]) for key in _SIZES)
     return width, height
 

@@ -285,7 +285,6 @@ def read_calibration(path: Path, name: str) -> Calibrated:
 
 
 def _result(path: Path, name: str) -> xr.Dataset:
-    """Open a result file. Raises StudyError."""
     from heliosweep.store.read import is_netcdf, open_result
 
     try:

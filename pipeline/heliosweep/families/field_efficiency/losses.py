@@ -294,7 +294,6 @@ def _moment(text: str) -> dt.datetime:
 
 
 def _to_utc(times: NDArray[Any], zone: dt.tzinfo) -> NDArray[np.datetime64]:
-    """Convert times to universal time. Times without a UTC offset are in the time zone `zone`."""
     aware = (time if time.tzinfo else time.replace(tzinfo=zone) for time in times)
     return np.array([time.astimezone(dt.UTC).replace(tzinfo=None) for time in aware], "datetime64[s]")
 
