@@ -323,22 +323,18 @@ def _off(way: Way, centre: Floats) -> Iterator[Problem]:
 MOST_INSTANTS = 100
 
 
-def limit_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]]:
-    """Yield the rules for a flux limit: the condition for a fault, the key and the message."""
+def limit_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ...]:
+    """Return the rules for a flux limit: the condition for a fault, the key and the message."""
     instants, shown = instant_count(study.time), study.output.flux_map
     some = isinstance(study.time, SunDirections) or study.design_point or instants > MOST_INSTANTS
-    yield (
-        is_limited(study) and not varies(study) and not has_instant(study), "aim",
-        "requires an instant at which the flux is limited: add 'design_point', or set 'at: instants'",
-    )  # fmt: skip
-    yield (
-        varies(study) and some, "aim.at",
-        f"is for times at a site without 'design_point', at most {MOST_INSTANTS} (got {instants:,}): remove it",
-    )  # fmt: skip
-    yield (
-        is_limited(study) and shown and flux_cells(study) != cells_of(study), "output.flux_map",
-        f"must have the same cells as the flux limit, {' x '.join(map(str, cells_of(study) or ()))}: set "
-        "'aim.flux_rows' and 'aim.flux_columns' to the rows and columns of the map",
+    return (
+        (is_limited(study) and not varies(study) and not has_instant(study), "aim",
+         "requires an instant at which the flux is limited: add 'design_point', or set 'at: instants'"),
+        (varies(study) and some, "aim.at",
+         f"is for times at a site without 'design_point', at most {MOST_INSTANTS} (got {instants:,}): remove it"),
+        (is_limited(study) and shown and flux_cells(study) != cells_of(study), "output.flux_map",
+         f"must have the cells of the limit, {' x '.join(map(str, cells_of(study) or ()))}: set 'aim.flux_rows' and "
+         "'aim.flux_columns' to its rows and columns"),
     )  # fmt: skip
 
 

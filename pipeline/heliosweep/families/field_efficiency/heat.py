@@ -111,21 +111,17 @@ def has_heat(study: FieldEfficiencyStudy) -> bool:
     return study.receiver.absorptance is not None or study.receiver.thermal_losses is not None
 
 
-def heat_rules(study: FieldEfficiencyStudy) -> Iterator[tuple[object, str, str]]:
-    """Yield the rules for heat and cost keys: the condition for a fault, the key and the message."""
-    needed = "weather" if study.design_point is None else ""
-    for key in ("absorptance", "thermal_losses"):
-        given = getattr(study.receiver, key) is not None
-        yield given and study.optics is None, f"receiver.{key}", "needs 'optics': add 'optics', or remove this key"
-        yield (
-            given and bool(needed) and study.weather is None, f"receiver.{key}",
-            "needs 'weather' or 'design_point': add one of them",
-        )  # fmt: skip
-    for key in ("optics", "weather"):
-        yield (
-            study.economics and getattr(study, key) is None, "economics",
-            f"needs '{key}' for the energy on a receiver with a size: add it, or remove this",
-        )  # fmt: skip
+def heat_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ...]:
+    """Return the rules for heat and cost keys: the condition for a fault, the key and the message."""
+    given = [f"receiver.{key}" for key in ("absorptance", "thermal_losses") if getattr(study.receiver, key) is not None]
+    return (
+        *((study.optics is None, key, "needs 'optics': add 'optics', or remove this key") for key in given),
+        *((study.design_point is None and study.weather is None, key,
+           "needs 'weather' or 'design_point': add one of them") for key in given),
+        *((study.economics and getattr(study, key) is None, "economics",
+           f"needs '{key}' for the energy on a receiver with a size: add it, or remove this")
+          for key in ("optics", "weather")),
+    )  # fmt: skip
 
 
 def check_losses(study: FieldEfficiencyStudy) -> Iterator[Problem]:

@@ -275,27 +275,20 @@ class FieldEfficiencyStudy(Study):
             if wrong:
                 yield Fault(message, tuple(key.split(".")) if key else (), show_value=False)
 
-    def _light_rules(self) -> Iterator[tuple[object, str, str]]:
-        """Yield the rules for keys that need one instant or `optics`: condition for a fault, key and message."""
-        count = instant_count(self.time)
-        yield (
-            self.output.outlines and count > 1,
-            "output.outlines",
-            f"need one instant, but the study has {count:,}: give one, or 'clock: sun' with directions",
-        )
-        yield (
-            self.optics and self.receiver.kind is None,
-            "receiver",
-            "'kind' is missing: with 'optics' the receiver has a size, as {kind: rectangle, width: 12, ...}",
-        )
-        yield (
-            self.output.flux_map and self.weather is None and not has_instant(self),
-            "output.flux_map",
-            "needs one instant or a year: give 'design_point', 'weather', or 'clock: sun' with directions",
-        )
-        for key in ("receiver.kind", "heliostat.focus", "heliostat.facets", "aim", "output.flux_map"):
-            unused = self.optics is None and attrgetter(key)(self) is not None
-            yield unused, key, "is used with 'optics' only: add it, or remove this"
+    def _light_rules(self) -> tuple[tuple[object, str, str], ...]:
+        """Return the rules for keys that need one instant or `optics`: condition for a fault, key and message."""
+        count, wanted = instant_count(self.time), self.output.flux_map
+        return (
+            (self.output.outlines and count > 1, "output.outlines",
+             f"need one instant, but the study has {count:,}: give one, or 'clock: sun' with directions"),
+            (self.optics and self.receiver.kind is None, "receiver",
+             "'kind' is missing: with 'optics' the receiver has a size, as {kind: rectangle, width: 12, ...}"),
+            (wanted and self.weather is None and not has_instant(self), "output.flux_map",
+             "needs one instant or a year: give 'design_point', 'weather', or 'clock: sun' with directions"),
+            *((self.optics is None and attrgetter(key)(self) is not None, key,
+               "is used with 'optics' only: add it, or remove this")
+              for key in ("receiver.kind", "heliostat.focus", "heliostat.facets", "aim", "output.flux_map")),
+        )  # fmt: skip
 
     def dimension_names(self) -> dict[str, str]:
         """Return the names of dimensions as in `Study.dimension_names`.
