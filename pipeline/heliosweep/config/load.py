@@ -361,8 +361,7 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
         try:
             if not os.path.isfile(named_in(source.directory, name)):  # noqa: PTH113 -- False for invalid names
                 hint = "; write folders with '/'" if "\\" in name else ESCAPED if set("\n\t\r") & set(name) else ""
-                message = f"no such file, relative to the study file{hint} (got {shown(name)})"
-                yield source.problem(path, message)
+                yield source.problem(path, f"no such file, relative to the study file{hint} (got {shown(name)})")
         except StudyError as error:  # a home folder that does not exist
             yield source.problem(path, error.problems[0].message)
 

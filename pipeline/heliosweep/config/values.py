@@ -731,8 +731,7 @@ class Parameter:
         return core_schema.no_info_plain_validator_function(read)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> Schema:
-        title = {"title": self.title} if self.title else {}
-        return title | {"description": self.purpose} | self.json_schema()
+        return ({"title": self.title} if self.title else {}) | {"description": self.purpose} | self.json_schema()
 
 
 def list_schema(one: Mapping[str, Any]) -> Schema:

@@ -233,6 +233,6 @@ def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:
         spans = (f"{axis} from {side[0]:g} to {side[-1]:g} m" for axis, side in sides)
         where = "the tower" if missing == found.size else f"{missing:,} of {found.size:,} heliostats"
         message = f"{name} does not cover the field: {where} beyond its heights, {' and '.join(spans)}"
-        message += "; for map coordinates set 'origin', or add a boundary, or use a larger grid"
-        raise StudyError(Problem(message, "terrain.file"))
+        remedy = "for map coordinates set 'origin', or add a boundary, or use a larger grid"
+        raise StudyError(Problem(f"{message}; {remedy}", "terrain.file"))
     return found

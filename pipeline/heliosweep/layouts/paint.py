@@ -196,8 +196,7 @@ class Actuator(_ACTUATOR):
     def rules(self) -> Iterator[Fault]:
         """Check that the sides form a triangle."""
         if math.isnan(self.opening(0)):
-            message = "initial_stroke_length, offset and pivot_radius do not form a triangle"
-            yield Fault(message, show_value=False)
+            yield Fault("initial_stroke_length, offset and pivot_radius do not form a triangle", show_value=False)
 
     def opening(self, counts: float) -> float:
         """Return the angle of the triangle at the joint by the law of cosines; NaN if there is no triangle. [rad]"""
@@ -347,8 +346,7 @@ def _read_tower(folder: Path, target: str) -> tuple[tuple[float, ...], dict[str,
     path, data = towers[0], read(towers[0]).data
     known = [key for key, value in data.items() if isinstance(value, dict) and "normal_vector" in value]
     if target not in known:
-        message = f"has no target {target!r}; it has {', '.join(known) or 'none'}"
-        raise StudyError(Problem(message, file=str(path)))
+        raise StudyError(Problem(f"has no target {target!r}; it has {', '.join(known) or 'none'}", file=str(path)))
     tower = _read_record(path, _record(**{target: _TARGET}, power_plant_properties=_record(coordinates=_POSITION)))
     origin, record = tower.power_plant_properties.coordinates, getattr(tower, target)
     inner = "receiver_inner_" if "receiver_inner_upper_left" in record.coordinates else ""
@@ -401,8 +399,7 @@ def _mirror(path: Path, origin: Sequence[float]) -> _Mirror:
     facets, sides = record.facet_properties.facets, (record.width, record.height)
     moved, along, across = (np.array([getattr(facet, name) for facet in facets]) for name in _FACET.model_fields)
     normal = np.cross(along, across)
-    upwards = "canting vectors must span a facet that faces up"
-    _need((normal[:, 2] > 0).all(), path, ("facet_properties",), upwards)
+    _need((normal[:, 2] > 0).all(), path, ("facet_properties",), "canting vectors must span a facet that faces up")
     grid = _grid(moved[:, :2], 2 * np.array([along[:, 0], across[:, 1]]).T, sides)
     message = f"must be a grid of equal facets with equal gaps, on {sides[0]:g} m x {sides[1]:g} m, within 5 mm"
     _need(grid, path, ("facet_properties",), message)

@@ -103,8 +103,7 @@ def delsol_radial(elevation: float, height: float) -> float:
     This is the fit of DELSOL3 [2]_ with the coefficients in its code. Publications with 1.44 instead of 1.144 have lost
     a digit. Their other coefficients are rounded from the code.
     """
-    t = elevation
-    return height * (1.1442399 / math.tan(t) - 1.093519 + 3.0683558 * t - 1.1255617 * t**2)
+    return height * (1.1442399 / math.tan(elevation) - 1.093519 + 3.0683558 * elevation - 1.1255617 * elevation**2)
 
 
 def delsol_azimuthal(elevation: float, width: float) -> float:
@@ -113,8 +112,7 @@ def delsol_azimuthal(elevation: float, width: float) -> float:
     Parameters are as in `delsol_radial`, but with the width of the mirror instead of its height. The last term is often
     printed as 0.2873 m, which applies only to mirrors 10 m wide.
     """
-    t = elevation
-    return width * (1.7490871 + 0.63964099 * t + 0.028726279 / (t - 0.049023315))
+    return width * (1.7490871 + 0.63964099 * elevation + 0.028726279 / (elevation - 0.049023315))
 
 
 def no_blocking_radius(radius: float, receiver: float, height: float) -> float:

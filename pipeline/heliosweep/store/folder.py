@@ -202,8 +202,7 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
     remedy = "or give another folder with --output"
     for place in (folder / name for name in (*DESCRIPTIONS, RESULT)):
         if any(place.resolve() in (path, *path.parents) for path in inputs):
-            problem = f"is an input of the study that the run would replace, {remedy}"
-            raise StudyError(Problem(problem, file=str(place)))
+            raise StudyError(Problem(f"is an input of the study that the run would replace, {remedy}", file=str(place)))
         if place.is_dir():
             raise StudyError(Problem(f"is a folder that is not a result: move it away, {remedy}", file=str(place)))
     if force or any(folder.glob(f"{CHUNKS}*")) or (folder / MANIFEST).is_file():

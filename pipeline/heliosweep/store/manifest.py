@@ -175,8 +175,7 @@ def changes(before: Any, after: Any, key: str = "") -> list[str]:
 def listed(before: Any, after: Any, most: int = 3) -> str:
     """Return the first `changes` on one line."""
     lines = changes(before, after)
-    more = f", and {len(lines) - most} more" if len(lines) > most else ""
-    return "; ".join(lines[:most]) + more
+    return "; ".join(lines[:most]) + (f", and {len(lines) - most} more" if len(lines) > most else "")
 
 
 def _words(value: Any) -> str:
