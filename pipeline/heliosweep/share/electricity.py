@@ -16,7 +16,7 @@ from heliosweep.economics import levelized_cost
 from heliosweep.errors import HeliosweepError, StudyError, load_extra
 from heliosweep.lazy import pvlib
 from heliosweep.share.fields import chosen, dimension_of, layout_of
-from heliosweep.share.sam import efficiency_table, flux_maps, tower_rows
+from heliosweep.share.sam import efficiency_table, flux_maps, table_rows
 
 #: Module of SAM, its package, and the extra of this package.
 EXTRA = ("PySAM.TcsmoltenSalt", "nrel-pysam", "sam")
@@ -115,8 +115,8 @@ def tower_electricity(
     place = np.asarray(positions, np.float64)
     year = {"solar_resource_data": weather} if isinstance(weather, Mapping) else {"solar_resource_file": str(weather)}
     given: dict[str, Any] = {
-        **year, "field_model_type": 3, "eta_map_aod_format": 0, "eta_map": tower_rows(efficiency),
-        "flux_maps": tower_rows(flux), "helio_positions": place.tolist(), "N_hel": len(place),
+        **year, "field_model_type": 3, "eta_map_aod_format": 0, "eta_map": table_rows(efficiency),
+        "flux_maps": table_rows(flux), "helio_positions": place.tolist(), "N_hel": len(place),
         "dens_mirror": 1.0, "helio_height": model.value("helio_height"), **(inputs or {}),
     }  # fmt: skip
     # SAM computes the area of all mirrors from their number, sides and `dens_mirror`.

@@ -245,19 +245,17 @@ def write_table(
         known = "'tower' for flux maps" if form in forms else ", ".join(forms)
         raise StudyError(Problem(f"unknown form {form!r}; use {known}"))
     file = target_file(path, force)
+    write_rows(table_rows(table, form), file)
+    return file
+
+
+def table_rows(table: xr.DataArray, form: TableForm = "tower") -> list[list[object]]:
+    """Return the rows of an efficiency table or flux maps in a format of `write_table`."""
     azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
     values = table.to_numpy()[:, order]
     if form != "solarpilot" or azimuth.size < table.sizes[_AZIMUTH]:
         azimuth, values = _closed(azimuth, values, -180.0 if form == "generic" else 0.0)
-    write_rows(_rows(form, azimuth, table[_ELEVATION].to_numpy(), values), file)
-    return file
-
-
-def tower_rows(table: xr.DataArray) -> list[list[object]]:
-    """Return the rows of an efficiency table or flux maps for SAM's molten-salt power tower."""
-    azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=False)
-    azimuth, values = _closed(azimuth, table.to_numpy()[:, order], 0.0)
-    return [list(row) for row in _rows("tower", azimuth, table[_ELEVATION].to_numpy(), values)]
+    return [list(row) for row in _rows(form, azimuth, table[_ELEVATION].to_numpy(), values)]
 
 
 def _rows(form: str, azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
