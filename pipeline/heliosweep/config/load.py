@@ -124,7 +124,8 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
     Messages begin with `prefix` and the key. Raises a StudyError that lists all problems.
     """
     given = {name: value for name, value in given.items() if value is not None}
-    values = {name: scalar(value) if isinstance(value, str) else value for name, value in given.items()}
+    read_values = {name: scalar(value) for name, value in given.items() if isinstance(value, str)}
+    values = {**given, **{name: value for name, value in read_values.items() if value is not None}}
     try:
         block = Execution.model_validate(values)
     except ValidationError as error:
