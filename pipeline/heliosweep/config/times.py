@@ -141,7 +141,7 @@ def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime,
 Sampling = Annotated[
     str,
     Choice(
-        "Instants that represent a range of hours or a window",
+        "Rule for the instants that represent a range of hours or a window",
         {
             "inclusive": "every step, including both ends",
             "left": "the start of every step",
@@ -357,7 +357,7 @@ class WeatherTime(Block):
 
 TimeOrDirections = Annotated[
     SolarTime | CivilTime | SunDirections | WeatherTime,
-    Field(discriminator="clock", description="Instants of the study, or directions of the sun"),
+    Field(discriminator="clock", description="Instants or sun directions of the study"),
 ]
 
 

@@ -321,7 +321,7 @@ def disc_profile(image: ArrayLike) -> SunDisc:
     room = min(column, row, columns - 1 - column, rows - 1 - row)
     for wrong, fault in (
         (radius < 12.0, f"a disc of radius {radius:.1f} pixels; 12 are needed"),
-        (room < radius + 0.5, "a disc that the frame cuts"),
+        (room < radius + 0.5, "a disc cut off by the frame"),
         (abs(roundness - 1.0) > 0.05, "no single round disc: clouds, stray light or a second disc?"),
     ):
         if wrong:

@@ -428,7 +428,7 @@ def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterat
     legend(
         drawing, {word: patches.Patch(facecolor=colour, edgecolor="#666666") for word, colour in figure.kinds.values()}
     )
-    symbols = "Each square is a mirror with a side towards the tower (triangle); grey: no value."
+    symbols = "Each square is a mirror, drawn with one side towards the tower (triangle); grey: no value."
     yield NamedFigure(figure.name, _caption(figure, symbols * isinstance(figure, Maps), note), drawing)
     if getattr(figure, "less", "") in {dim for _, point, _ in shown for dim in point}:
         yield from _coloured(*_differences(context, figure), over)

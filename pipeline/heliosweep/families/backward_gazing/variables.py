@@ -114,7 +114,9 @@ _ESTIMATES = {
         "seen from the target; not meaningful if its standard error is large, as for a sphere",
     ),
     "focal_axis_standard_error": quantity(OF_MODULE, "degree", "standard error of focal_axis", "of scatter alone"),
-    "usable_fraction": _part(("slope_method", "module"), "fraction of the eroded module with slopes"),
+    "usable_fraction": _part(
+        ("slope_method", "module"), ("fraction of the pixels of the eroded module that have slopes")
+    ),
     "lit_cameras": _part(
         ("module",),
         "fraction of the cameras that see the sun in the module",
@@ -237,7 +239,7 @@ FIELD = {
         "root mean square over the modules of the mean error of their % slopes",
         "over the modules with slopes",
     ),
-    "usable_fraction": _part((*_HOUR, "slope_method"), "fraction of the eroded modules with slopes"),
+    "usable_fraction": _part((*_HOUR, "slope_method"), "fraction of the pixels of the eroded modules that have slopes"),
     "lit_cameras": _part(
         _HOUR, "fraction of the cameras that see the sun in the heliostat", "mean over the pixels of the eroded modules"
     ),
@@ -271,7 +273,7 @@ MEASURED = {
     "lit_fraction": _part(
         ("camera",),
         "fraction of the mirror's pixels in which a camera sees the sun",
-        "without the pixels at the edge of a module",
+        "excluding the pixels at the edges of the modules",
     ),
     "saturated_fraction": _part(
         ("camera",), "fraction of the mirror's pixels in which an image is saturated", "these pixels are not used"

@@ -129,7 +129,7 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
             },
             "aperture_energy": {
                 "units": "MWh", "long_name": "energy in the aperture in a year", "cell_methods": "time: sum",
-                "comment": "for a mirror that reflects all light", BEST_VALUE: LARGEST,
+                "comment": "for a mirror with a reflectivity of 1", BEST_VALUE: LARGEST,
             },
         }),
         (series, "time", "float64", False, (), {"tracking_error": {

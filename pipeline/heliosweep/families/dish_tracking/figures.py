@@ -52,7 +52,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
               (factor, f"{_FACTOR}_min"), over=("latitude", DIRECTION), at=_TYPICAL, notes=_DIRECTION),
         Grids("tracking_errors", f"Tracking error over the offsets of the home position, {when}",
               errors, over=_OFFSETS, at=_TYPICAL),
-        Curves("factor_over_year", "Effective tracking factor of each date", (_FACTOR,), over=("date",),
+        Curves("factor_over_year", "Effective tracking factor on each date", (_FACTOR,), over=("date",),
                panels=places, **by_mount),
         Curves("factor_by_month", "Effective tracking factor: mean of each month",
                (f"{monthly}_mean", f"{monthly}_mean_over_directions", f"{monthly}_std_over_directions"),

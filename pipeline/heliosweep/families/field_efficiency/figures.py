@@ -183,7 +183,7 @@ def _ranked(result: xr.Dataset) -> xr.Dataset:
     share = (energy.cumsum(dim) / energy.sum(dim)).where(per_area > 0)
     number = {dim: (dim, np.arange(1, per_area.sizes[dim] + 1), {"long_name": "rank of the heliostat"})}
     keep = [name for name in per_area.coords if name == dim or dim in per_area[name].dims]
-    attrs = {"units": "1", "valid_range": [0.0, 1.0], "long_name": "share of the energy of the field"}
+    attrs = {"units": "1", "valid_range": [0.0, 1.0], "long_name": "fraction of the field's energy"}
     energies = {"units": "MWh m-2", "long_name": "energy per mirror area"}
     return result.assign(
         ranked_energy=per_area.where(per_area > 0).drop_vars(keep).assign_coords(number).assign_attrs(energies),

@@ -174,7 +174,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             dtype="int32",
         ),
     }
-    angle = "root mean square of the angle between measured and predicted spot, seen from the pivot"
+    angle = "root mean square of the angle between measured and predicted spots, seen from the pivot"
     comment = "angle of the beam, which rotates by twice the angle of the mirror; over the used spots"
     if measured:
         found |= {
@@ -188,7 +188,9 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
                 "distance of the "
                 f"heliostat's spots; a spot above {LARGEST_DEVIATION:g} disagrees with the others",
             ),
-            "better_reading": coded(lead, "interpretation of the table that at least halves the residuals", READINGS),
+            "better_reading": coded(
+                lead, ("interpretation of the table for which the residuals are at least halved"), READINGS
+            ),
             "spot_time": Variable(
                 (*lead, "spot"),
                 {"long_name": "universal time of the spot", "comment": "missing if the table has sun vectors"},

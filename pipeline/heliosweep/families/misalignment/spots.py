@@ -172,7 +172,9 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             dims, "1", "eccentricity of the deviation curve", "below 1 an ellipse, above 1 a hyperbola"
         ),
         **{
-            f"focus_{side}": of_curve(dims, "m", f"focus of the deviation curve within its real branch, {where}")
+            f"focus_{side}": of_curve(
+                dims, "m", (f"focus inside the branch of the deviation curve that real rays trace, {where}")
+            )
             for side, where in SIDES.items()
         },
     }

@@ -302,7 +302,7 @@ _LIMIT = Quantity(
 #: Methods that correct the commands in a closed loop.
 CORRECTIONS = {
     "mount": "errors of the mount, estimated from all previous crossings",
-    "instant": "offsets of both encoders at each instant, from its crossings in the previous round",
+    "instant": "offsets of both encoders at each instant, from the crossings at this instant in the previous round",
 }
 
 
