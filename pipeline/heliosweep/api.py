@@ -262,7 +262,7 @@ def build(study: Source) -> xr.Dataset:
     if study.search is not None:
         raise StudyError(
             study.problem(
-                "search", ("cannot be built lazily: its points depend on earlier points; run the study instead")
+                "search", "cannot be built lazily: its points depend on earlier points; run the study instead"
             )
         )
     import heliosweep.accessor  # noqa: F401  (registers with xarray)

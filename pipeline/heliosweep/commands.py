@@ -107,7 +107,7 @@ def _run(options: argparse.Namespace) -> int:
     several = len(options.studies) > 1
     if several and options.output is not None:
         raise StudyError(
-            Problem(("names the result folder of a single study; run only one study, or omit this option"), "--output")
+            Problem("names the result folder of a single study; run only one study, or omit this option", "--output")
         )
     if several and not options.verbose:
         log.setLevel(logging.WARNING)  # one line for each study

@@ -243,9 +243,7 @@ class Output(Block):
     ] = "none"
     compression_level: Annotated[
         int,
-        Quantity(
-            ("Compression level from 1 (fastest) to 9 (smallest file)"), "1", ge=1, le=9, integer=True, sweep=False
-        ),
+        Quantity("Compression level from 1 (fastest) to 9 (smallest file)", "1", ge=1, le=9, integer=True, sweep=False),
     ] = 4
 
     @model_validator(mode="before")

@@ -23,7 +23,7 @@ _Heliostats = Annotated[
 ]
 _InnerRadius = Annotated[
     float | Sweep,
-    Quantity(("Radius of the circle around the tower that contains no heliostats"), "m", ge=0, title="inner radius"),
+    Quantity("Radius of the circle around the tower that contains no heliostats", "m", ge=0, title="inner radius"),
 ]
 
 

@@ -220,7 +220,7 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
     preamble = "\n".join(lines[:first])
     if re.search("true solar time", preamble, re.IGNORECASE):
         raise StudyError(
-            Problem(("contains times in true solar time: download the file in universal time"), file=sheet.name)
+            Problem("contains times in true solar time: download the file in universal time", file=sheet.name)
         )
     signs = {
         "PVGIS": "PVGIS|Radiation database|Irradiance Time Offset", "CAMS": r"CAMS|Summarization \(integration",

@@ -278,7 +278,7 @@ class Defects(Block):
     ] = Field(default_factory=dict)
     canting_scale: Annotated[
         float | Sweep,
-        Quantity(("Factor on the canting of all modules"), "1", ge=-100, le=100, title="factor on the canting"),
+        Quantity("Factor on the canting of all modules", "1", ge=-100, le=100, title="factor on the canting"),
     ] = 1.0
     waviness: Annotated[
         float | Sweep,

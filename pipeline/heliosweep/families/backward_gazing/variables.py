@@ -115,7 +115,7 @@ _ESTIMATES = {
     ),
     "focal_axis_standard_error": quantity(OF_MODULE, "degree", "standard error of focal_axis", "of scatter alone"),
     "usable_fraction": _part(
-        ("slope_method", "module"), ("fraction of the pixels of the eroded module that have slopes")
+        ("slope_method", "module"), "fraction of the pixels of the eroded module that have slopes"
     ),
     "lit_cameras": _part(
         ("module",),

@@ -53,7 +53,7 @@ class FluxMap(Block):
     limit: Annotated[
         float | None,
         Quantity(
-            ("Flux limit: the fraction of the power on cells above this flux is stored"), "kW/m2", gt=0, sweep=False
+            "Flux limit: the fraction of the power on cells above this flux is stored", "kW/m2", gt=0, sweep=False
         ),
     ] = None
 

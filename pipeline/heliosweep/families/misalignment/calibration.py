@@ -189,7 +189,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
                 f"heliostat's spots; a spot above {LARGEST_DEVIATION:g} disagrees with the others",
             ),
             "better_reading": coded(
-                lead, ("interpretation of the table for which the residuals are at least halved"), READINGS
+                lead, "interpretation of the table for which the residuals are at least halved", READINGS
             ),
             "spot_time": Variable(
                 (*lead, "spot"),

@@ -173,7 +173,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         ),
         **{
             f"focus_{side}": of_curve(
-                dims, "m", (f"focus inside the branch of the deviation curve that real rays trace, {where}")
+                dims, "m", f"focus inside the branch of the deviation curve that real rays trace, {where}"
             )
             for side, where in SIDES.items()
         },
