@@ -62,9 +62,9 @@ def _compile(shared: Path) -> None:
 
 
 @cache
-def shipped(name: str) -> Any:
-    """The result of a shipped study, computed once in each process."""
-    return build(load(STUDIES / f"{name}.yaml", {"execution.memory": "700 MB"})).compute()
+def shipped(name: str, **changes: Any) -> Any:
+    """The result of a shipped study with other values of some keys, computed once in each process."""
+    return build(load(STUDIES / f"{name}.yaml", {"execution.memory": "700 MB", **changes})).compute()
 
 
 @pytest.fixture(scope="session")
