@@ -48,7 +48,6 @@ from heliosweep.grid import (
 from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
-    from heliosweep.grid.regions import Region
     from heliosweep.report.figures import Figure
     from heliosweep.report.tables import Table
     from heliosweep.search.optimise import Space

@@ -34,10 +34,9 @@ _HOUSE = {
     **dict.fromkeys(("day", "days"), "d"),
     **dict.fromkeys(("hour", "hours"), "h"),
 }
-_NUMBERS = ("tolerance", "computed", "difference")
 #: Columns of a stored comparison that are not coordinates.
 _WORDS: Any = ("claim", "reason", "stated_computed", "stated_verdict")
-_STORED = ("quantity", "published", "unit", *_NUMBERS, "verdict", *_WORDS)
+_STORED = ("quantity", "published", "unit", "tolerance", "computed", "difference", "verdict", *_WORDS)
 #: Columns of a table that are not coordinates of the result.
 _COLUMNS = {
     "quantity": Column("variable of the result", required=True),

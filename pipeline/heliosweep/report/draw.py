@@ -65,8 +65,7 @@ from heliosweep.report.figures import (
     is_joined,
     is_ordered,
     preferred,
-    reduced,
-    usable,
+    prepared,
 )
 from heliosweep.report.tables import number_texts
 from heliosweep.store.folder import target_file
@@ -157,8 +156,7 @@ def draw(result: xr.Dataset, figures: Iterable[Figure], most: int = MOST_FIGURES
 
 def drawn(result: xr.Dataset, figure: Figure) -> list[NamedFigure]:
     """Draw one declared figure. Returns an empty list if the result has no values for it."""
-    result = reduced(result, figure)
-    shown = usable(result, figure)
+    result, shown = prepared(result, figure)
     if shown is None or not shown.image:
         return []
     with matplotlib.rc_context(_RC):

@@ -206,7 +206,7 @@ def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable
     The heat map is the first declared one. If none is declared, a heat map of the headline numbers is added.
     """
     declared = list(figures)
-    grids = [one for one in declared if isinstance(one, Grids) and usable(reduced(result, one), one)]
+    grids = [one for one in declared if isinstance(one, Grids) and prepared(result, one)[1]]
     return [*(grids[:1] or _heat_map(result, names)), *(one for one in declared if one not in grids[:1])]
 
 
@@ -239,14 +239,24 @@ def is_joined(result: xr.Dataset, dim: str) -> bool:
     return is_ordered(result, dim) and dim not in NAMES and not dim.endswith("seed")
 
 
-def usable(result: xr.Dataset, figure: Figure) -> Figure | None:
-    """Return a declaration with only the variables that can be drawn, or None if there are none."""
+def prepared(result: xr.Dataset, figure: Figure) -> tuple[xr.Dataset, Figure | None]:
+    """Return the data set and the declaration that a figure shows.
+
+    The data set has the derived variables and the statistics over some dimensions. The declaration has only the
+    variables that can be drawn. It is None if there are none.
+    """
+    result = figure.derive(result) if figure.derive else result
+    if figure.reduce:
+        others = {end for pair in getattr(figure, "bands", {}).values() for end in pair}
+        every = {name: result[name] for name in {*figure.variables, *others} if name in result.data_vars}
+        result = result.assign({name: _statistic(array, figure.reduce) for name, array in every.items()})
     if isinstance(figure, Special):
-        return figure if all(name in result.variables and result[name].size for name in figure.variables) else None
+        there = all(name in result.variables and result[name].size for name in figure.variables)
+        return result, figure if there else None
     names = [
         name for name in figure.variables if name in result.data_vars and axes_of(result, figure, name) is not None
     ]
-    return replace(figure, variables=names) if names else None
+    return result, replace(figure, variables=names) if names else None
 
 
 def axes_of(result: xr.Dataset, figure: Figure, name: str) -> list[str] | None:
@@ -270,22 +280,9 @@ def axes_of(result: xr.Dataset, figure: Figure, name: str) -> list[str] | None:
     return dims if drawn and array.dtype.kind in "fiuM" and array.size else None
 
 
-def reduced(result: xr.Dataset, figure: Figure) -> xr.Dataset:
-    """Return the data set that a figure shows, with derived variables and statistics over some dimensions."""
-    if figure.derive is not None:
-        result = figure.derive(result)
-    if not figure.reduce:
-        return result
-    others = {end for pair in getattr(figure, "bands", {}).values() for end in pair}
-    names = [name for name in {*figure.variables, *others} if name in result.data_vars]
-    return result.assign({name: _statistic(result[name], figure.reduce) for name in names})
-
-
 def _statistic(array: xr.DataArray, statistics: Mapping[str, str]) -> xr.DataArray:
     attrs = array.attrs
-    for dim, kind in statistics.items():
-        if dim not in array.dims:
-            continue
+    for dim, kind in ((dim, kind) for dim, kind in statistics.items() if dim in array.dims):
         array = array.where(np.isfinite(array))
         if kind == "rms":
             array = (array**2).mean(dim) ** 0.5
@@ -304,8 +301,7 @@ DASHES = ("-", (0, (4, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)),
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 #: Names of matplotlib's colour maps for values, and for differences from zero.
-VALUES = "viridis"
-DIFFERENCES = "RdBu_r"
+VALUES, DIFFERENCES = "viridis", "RdBu_r"
 
 #: Colour of missing values.
 NO_VALUE = "#c8c8c8"

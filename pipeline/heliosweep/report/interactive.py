@@ -58,8 +58,7 @@ from heliosweep.report.figures import (
     is_joined,
     is_ordered,
     preferred,
-    reduced,
-    usable,
+    prepared,
 )
 
 #: Maximum numbers of plots on a page, and of values, variables and lines in a plot.
@@ -95,8 +94,7 @@ def explore(result: xr.Dataset, figures: Iterable[Figure]) -> tuple[str, list[di
     texts, document = list[dict[str, str]](), Document(theme=_THEME)
     for declared in figures:
         if declared.interactive and isinstance(declared, _FORMS) and len(plots) < MOST_PLOTS:
-            here = reduced(result, declared)
-            shown = usable(here, declared)
+            here, shown = prepared(result, declared)
             if shown and (made := _plot(here, shown)):
                 plots[declared.name] = made[0]
                 document.add_root(made[0])
@@ -130,11 +128,11 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
         return None
     titles: list[Any] = [(name, quantity["title"]) for name, quantity in quantities.items()]
     choose = Select(title="Quantity", value=titles[0][0], options=titles, visible=len(titles) > 1)
-    selects = {
-        dim: _select(one, context.position(dim))
-        for dim, one in dims.items()
-        if dim not in keep and len(one["texts"]) > 1
-    }
+    selects: dict[str, Any] = {}
+    for dim, one in ((dim, one) for dim, one in dims.items() if dim not in keep and len(one["texts"]) > 1):
+        options: list[Any] = [(str(i), text) for i, text in enumerate(one["texts"])]
+        nearest = int(np.argmin(np.abs(one["kept"] - context.position(dim))))
+        selects[dim] = Select(title=one["title"], value=str(nearest), options=options)
     told = Div(text="", styles={"font-size": "14px"})
     drawing, arguments = {Maps: _map, Rasters: _picture}.get(type(figure), _lines)(context, figure, dims, axes, line)
     arguments |= {
@@ -179,12 +177,6 @@ def _quantities(
                 about = {"title": context.title(dim), "texts": texts, "kept": kept[dim], "dates": dates}
                 dims[dim] = {**about, "at": at.astype(float)}
     return quantities, dims
-
-
-def _select(dimension: Mapping[str, Any], position: int) -> Select:
-    start = int(np.argmin(np.abs(dimension["kept"] - position)))
-    options: list[Any] = [(str(i), text) for i, text in enumerate(dimension["texts"])]
-    return Select(title=dimension["title"], value=str(start), options=options)
 
 
 def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

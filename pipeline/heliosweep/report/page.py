@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -30,11 +30,6 @@ from heliosweep.report.figures import MOST_FIGURES, Figure, default_figures, wit
 from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, read_manifest
 from heliosweep.store.read import locate
 
-if TYPE_CHECKING:
-    from PIL.Image import Image
-
-    from heliosweep.report.draw import NamedFigure
-
 log = logging.getLogger("heliosweep")
 
 PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
@@ -42,9 +37,6 @@ PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
 DRAWN = ".drawn"
 #: Maximum size of a result that a report loads as a whole. [byte]
 LOADED = 2**24
-#: Patterns that match the parts of a page about the machine, and the text of the study file.
-_MACHINE = re.compile(r'<section id="provenance">.*?</section>\n?|<a class="ours"[^>]*>[^<]*</a>\n?', re.DOTALL)
-_STUDY = re.compile(r'(?<=<pre id="study-file"><code>).*?(?=</code>)', re.DOTALL)
 
 
 def write_report(
@@ -226,7 +218,7 @@ def _pictures(
     return shown
 
 
-def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]:
+def embedded(named: Any, picture: Any = None) -> dict[str, Any]:
     """Return a figure in the form that the templates embed; `picture` is its image if it is already drawn."""
     from PIL.Image import Dither, Quantize
 
@@ -241,8 +233,10 @@ def embedded(named: NamedFigure, picture: Image | None = None) -> dict[str, Any]
 
 def for_others(page: str, study: str) -> str:
     """Return a page without its author's machine, command and paths, and with `study` as the text of the study file."""
-    page = _MACHINE.sub("", page).replace('href="study.resolved.yaml"', 'href="study.yaml"')
-    return _STUDY.sub(lambda _: escape(study), page)
+    machine = r'<section id="provenance">.*?</section>\n?|<a class="ours"[^>]*>[^<]*</a>\n?'
+    page = re.sub(machine, "", page, flags=re.DOTALL).replace('href="study.resolved.yaml"', 'href="study.yaml"')
+    file = r'(?<=<pre id="study-file"><code>).*?(?=</code>)'
+    return re.sub(file, lambda _: escape(study), page, flags=re.DOTALL)
 
 
 def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:

@@ -44,11 +44,6 @@ class Compared(NamedTuple):
     data: xr.Dataset
     family: Any = None
 
-    @property
-    def folder(self) -> Path:
-        """Result folder."""
-        return self.path if self.path.is_dir() else self.path.parent
-
 
 def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
     """Write a page that compares several results; the family of the first one declares the figures."""
@@ -67,9 +62,10 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
     tables = [numbers(joined, headlines)] if joined.data_vars else tables
     entries = []
     for name, one in zip(names, compared, strict=True):
-        page, title = one.folder / PAGE, str(one.data.attrs.get("title", one.folder.name))
+        folder = one.path if one.path.is_dir() else one.path.parent
+        page, title = folder / PAGE, str(one.data.attrs.get("title", folder.name))
         link = quote(Path(os.path.relpath(page, file.parent)).as_posix()) if page.is_file() else ""
-        entries.append({"name": name, "title": title, "about": one.folder.resolve().name, "link": link})
+        entries.append({"name": name, "title": title, "about": folder.resolve().name, "link": link})
     text = render(
         "several.html",
         title=f"{len(results)} results compared",

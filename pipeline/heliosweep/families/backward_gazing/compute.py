@@ -210,8 +210,8 @@ def estimates(
     made["focal_axis"], made["focal_axis_standard_error"] = np.degrees((every["axis"], every["axis_error"]))
     for name, ending in (("", ""), ("_error", "_standard_error")):
         made |= by_axis(f"focal_length_%{ending}", every[f"principal{name}"], ends=("long", "short"))
-        for quantity in ("canting", "pointing"):
-            made |= by_axis(f"{quantity}_%{ending}", 1e3 * every[f"{quantity}{name}"])
+        made |= by_axis(f"canting_%{ending}", 1e3 * every[f"canting{name}"])
+        made |= by_axis(f"pointing_%{ending}", 1e3 * every[f"pointing{name}"])
     return made | by_axis("waviness_%", 1e3 * every["waviness"])
 
 
@@ -253,12 +253,11 @@ def results(
         "evaluations": seen.found.evaluations[: len(study.method)],
         "incidence": math.degrees(seen.layout.incidence),
     }
-    if not (study.output.maps or study.mode == "measured"):
-        return made
-    mask = np.where(~seen.keep, 1, np.where(cameras < NEEDED, 2, 3))
-    made |= sun_of(seen.sun) | by_axis("slope_%", maps(mirror, 1e3 * slopes))
-    drawn = {"image": maps(mirror, seen.images), "mask": np.nan_to_num(maps(mirror, mask))}
-    return made | drawn | {"quality": np.nan_to_num(maps(mirror, quality))}
+    if study.output.maps or study.mode == "measured":
+        mask = np.where(~seen.keep, 1, np.where(cameras < NEEDED, 2, 3))
+        made |= sun_of(seen.sun) | by_axis("slope_%", maps(mirror, 1e3 * slopes)) | {"image": maps(mirror, seen.images)}
+        made |= {"mask": np.nan_to_num(maps(mirror, mask)), "quality": np.nan_to_num(maps(mirror, quality))}
+    return made
 
 
 def over_modules(seen: Any, values: Floats) -> tuple[Floats, Floats, Integers]:
@@ -290,9 +289,9 @@ class Simulation:
         `found`, the estimated slopes; `ideal`, slopes estimated for the ideal heliostat; and `net`, the difference
         between `found` and `ideal`, shape (M, T, 2, N) [rad].
         """
-        layout, sun = scene_of(values, self.study.cameras.positions), profile_of(values, self.table)
-        seen = self._with(values, layout, sun)
-        mirror, pixel, pointing = seen.mirror, values["heliostat.pixel"], 1e-3 * np.array(self.study.defects.pointing)
+        seen = self._with(values)
+        layout, sun, mirror, pixel = seen.layout, seen.sun, seen.mirror, values["heliostat.pixel"]
+        pointing = 1e-3 * np.array(self.study.defects.pointing)
         wavy = self._wavy(mirror, values)
         truth = self.modules, values["defects.focal_length"], values["defects.canting_scale"] * self.canting, pointing
         images, true = views.image_set(layout, mirror, sun, views.module_spheres(*truth), wavy)
@@ -323,14 +322,12 @@ class Simulation:
         seen.keep = eroded(mirror, int(values["erosion"]))
         return seen
 
-    def _with(self, values: Values, layout: Scene, sun: Profile) -> Any:
-        profile, mirror = (
-            profile_of(values, self.table, values["profile_error"]),
-            self.mirror(values["heliostat.pixel"]),
-        )
+    def _with(self, values: Values) -> Any:
         return SimpleNamespace(
-            layout=layout, sun=sun, profile=profile, mirror=mirror, count=len(self.canting), share=np.ones((1, 1))
-        )
+            layout=scene_of(values, self.study.cameras.positions), sun=profile_of(values, self.table),
+            profile=profile_of(values, self.table, values["profile_error"]), share=np.ones((1, 1)),
+            mirror=self.mirror(values["heliostat.pixel"]), count=len(self.canting),
+        )  # fmt: skip
 
     def bound(self, seen: Any, values: Values, method: str | None = None) -> Floats:
         """Return the Cramer-Rao bound of the slopes, shape (2, N); NaN if fewer than 3 cameras are lit. [rad]
@@ -371,18 +368,16 @@ class Simulation:
         suns = solar_clock(np.radians(point["field.latitude"]), declination_cooper(point["field.day"]), hours)
         up = point["field.receiver_height"] - layout.z - point["field.pivot_height"]
         ways = np.stack((-layout.x, -layout.y, up), axis=1)
-        made, missing = {"slant_range": np.sqrt(layout.x**2 + layout.y**2 + up**2)[span]}, {}
-        inner = names.dims(self.study, self.study.output.maps)
-        for name, one in names.variables(self.study).items():
-            if one.dims[:2] != ("heliostat", "hour"):
-                continue
-            size = [len(inner[dim][0]) for dim in one.dims[2:]]
-            missing[name] = np.full(size, 0.0 if name in ("usable_fraction", "lit_cameras") else np.nan)
+        inner, fields = names.dims(self.study, self.study.output.maps), ("heliostat", "hour")
+        seen = {name: one.dims[2:] for name, one in names.variables(self.study).items() if one.dims[:2] == fields}
+        missing = {name: np.full([len(inner[dim][0]) for dim in dims], np.nan) for name, dims in seen.items()}
+        missing["usable_fraction"][...] = missing["lit_cameras"][...] = 0.0
         scenes = [
             [missing | self._scene(point, ways[row], sun, (row, hour)) for hour, sun in enumerate(suns)]
             for row in range(len(ways))[span]
         ]
-        return {name: np.array([[each[name] for each in row] for row in scenes]) for name in missing} | made
+        made = {name: np.array([[each[name] for each in row] for row in scenes]) for name in missing}
+        return made | {"slant_range": np.sqrt(layout.x**2 + layout.y**2 + up**2)[span]}
 
     def _scene(self, point: Point, way: Floats, sun: Floats, number: tuple[int, int]) -> dict[str, Any]:
         """Compute the variables of one heliostat at one hour. The numbers of heliostat and hour modify the seeds."""
@@ -432,12 +427,9 @@ class Simulation:
         rms, length, seed = (values[f"defects.{key}"] for key in ("waviness", "waviness_length", "seed"))
         wavy = views.waviness(mirror, 1e-3 * rms, length, int(seed)) if rms else None
         for number, (first, second, axis) in (self.study.defects.curvature or {}).items():
-            c, s, here = (
-                math.cos(math.radians(axis)),
-                math.sin(math.radians(axis)),
-                mirror.pixel_module == int(number) - 1,
-            )
-            turn, curved = np.array([[c, s], [-s, c]]), np.array([0.5 / first, 0.5 / second])
+            here, angle = mirror.pixel_module == int(number) - 1, math.radians(axis)
+            c, s, curved = math.cos(angle), math.sin(angle), np.array([0.5 / first, 0.5 / second])
+            turn = np.array([[c, s], [-s, c]])
             bend = 0.5 / values["defects.focal_length"] * np.eye(2) - turn.T * curved @ turn
             wavy = np.zeros(mirror.pixels.shape) if wavy is None else wavy
             wavy[:, here] += bend @ (mirror.pixels[:, here] - self.modules.centre[int(number) - 1][:, np.newaxis])
@@ -446,7 +438,7 @@ class Simulation:
     def _ideal(self, items: tuple[tuple[str, Any], ...]) -> tuple[Floats, Floats]:
         """Return the slopes estimated for the ideal heliostat with noise-free cameras, and its true slopes."""
         values = dict(items)
-        seen = self._with(values, scene_of(values, self.study.cameras.positions), profile_of(values, self.table))
+        seen = self._with(values)
         spheres = views.module_spheres(self.modules, values["heliostat.focal_length"], np.zeros_like(self.canting))
         seen.images, true = views.image_set(seen.layout, seen.mirror, seen.profile, spheres)
         return slopes_of(self.study, values, seen).slopes, true
@@ -472,12 +464,8 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
     def residual(method: str, slopes: Floats) -> Floats:
         if method == "LM":
             return fit.merit
-        return residual_squares(
-            look_back(layout, seen.profile, mirror.pixels, slopes)[1],
-            seen.images,
-            threshold,
-            fit_gain and method != "A",
-        )
+        brightness = look_back(layout, seen.profile, mirror.pixels, slopes)[1]
+        return residual_squares(brightness, seen.images, threshold, fit_gain and method != "A")
 
     with np.errstate(all="ignore"):
         share = np.nansum(np.where(lit, noises**2, np.nan), axis=0) / cameras
@@ -556,10 +544,7 @@ def _on_mirror(
 
 def computation(study: BackwardGazingStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    simulation, area = (
-        lru_cache(1)(partial(Simulation, study)),
-        float(study.heliostat.rectangles.size.prod(axis=1).sum()),
-    )
+    simulation, area = lru_cache(1)(partial(Simulation, study)), study.heliostat.rectangles.size.prod(axis=1).sum()
     pixels = math.ceil(area / min(ends(study.heliostat.pixel)) ** 2)
     # bytes per pixel, including results that points have in common
     each = 8 * (4 * 2 * len(study.method) * len(study.referential) + 80)
@@ -651,13 +636,12 @@ def percentiles(study: BackwardGazingStudy, points: Points, computed: xr.Dataset
 
 def mixed_seed(seed: int, *numbers: int) -> int:
     """Derive a separate seed for each combination of numbers with the SplitMix64 finaliser."""
-    state = seed
     for number in numbers:
-        state = (state + (number + 1) * 0x9E3779B97F4A7C15) % 2**64
-        state = ((state ^ (state >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
-        state = ((state ^ (state >> 27)) * 0x94D049BB133111EB) % 2**64
-        state ^= state >> 31
-    return state % 2**63
+        seed = (seed + (number + 1) * 0x9E3779B97F4A7C15) % 2**64
+        seed = ((seed ^ (seed >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
+        seed = ((seed ^ (seed >> 27)) * 0x94D049BB133111EB) % 2**64
+        seed ^= seed >> 31
+    return seed % 2**63
 
 
 def _direction(vector: Floats) -> tuple[float, float]:
@@ -745,10 +729,10 @@ def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
 
 def _of_shapes(result: xr.Dataset) -> Iterator[str]:
     # A difference counts if it exceeds both 3 % and four standard errors.
-    methods = [name for name in ("LM", "O2") if name in result["slope_method"].to_numpy()]
-    if not methods:
+    method = next((name for name in ("LM", "O2") if name in result["slope_method"].to_numpy()), "")
+    if not method:
         return
-    best = result.sel({"slope_method": methods[0]}).isel(referential=0)
+    best = result.sel(slope_method=method).isel(referential=0)
     long, short, estimate = (best[f"focal_length_{end}"] for end in ("long", "short", "estimate"))
     with np.errstate(all="ignore"):
         bend, error = 0.5 / short - 0.5 / long, 0.5 * best["focal_length_short_standard_error"] / short**2
@@ -760,7 +744,7 @@ def _of_shapes(result: xr.Dataset) -> Iterator[str]:
             f"not spherical: module{'s' * (numbers.size > 1)} {', '.join(map(str, numbers))}; module "
             f"{int(worst['module'])} has focal lengths of {float(worst['focal_length_long']):.4g} m along "
             f"{float(worst['focal_axis']):.0f} deg from horizontal and {float(worst['focal_length_short']):.4g} m "
-            f"across ({methods[0]}); focal_length_estimate is the mean of both"
+            f"across ({method}); focal_length_estimate is the mean of both"
         )
     ideal = best["focal_length" if "focal_length" in best.coords else "distance"]
     away = abs(estimate / ideal - 1.0)

@@ -156,8 +156,7 @@ def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None
 
 def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
     """Return the values of the known keys. Raises a StudyError that lists all invalid values."""
-    found: dict[str, float] = {}
-    problems = []
+    found, problems = dict[str, float](), []
     for key, quantity in KEYS.items():
         try:
             if key in said:
@@ -344,8 +343,7 @@ def _pictures(study: BackwardGazingStudy) -> list[Picture]:
 
     Raises a StudyError that lists all problems.
     """
-    pictures: list[Picture] = []
-    problems: list[Problem] = []
+    pictures, problems = list[Picture](), list[Problem]()
     for number, entry in enumerate(study.images or ()):
         try:
             picture = _read(study, f"images[{number}]", entry.file)
@@ -354,12 +352,11 @@ def _pictures(study: BackwardGazingStudy) -> list[Picture]:
         except StudyError as error:
             problems += error.problems
     (rows, columns), _ = Counter(one.levels.shape for one in pictures).most_common(1)[0] if pictures else ((0, 0), 0)
-    for number, one in enumerate(pictures):
-        if not problems and one.levels.shape != (rows, columns):
+    for number, one in enumerate(pictures if not problems else ()):
+        if one.levels.shape != (rows, columns):
             size = f"{one.levels.shape[1]} x {one.levels.shape[0]} pixels, but others have {columns} x {rows}"
-            problems.append(
-                study.problem(f"images[{number}]", f"{one.name} has {size}: all images must have the same size")
-            )
+            message = f"{one.name} has {size}: all images must have the same size"
+            problems.append(study.problem(f"images[{number}]", message))
     if problems:
         raise StudyError(problems)
     return pictures
@@ -403,8 +400,7 @@ def _positions(study: BackwardGazingStudy, said: list[dict[str, float]]) -> tupl
 
 def _geometry(study: BackwardGazingStudy, pictures: list[Picture]) -> dict[str, float]:
     """Return the sun, target and distance values that the study omits, taken from the metadata."""
-    found: dict[str, float] = {}
-    least = study.heliostat.reach
+    found, least = dict[str, float](), study.heliostat.reach
     for key, dotted in GEOMETRY.items():
         block, name = dotted.split(".")
         if getattr(getattr(study, block), name) is not None:

@@ -308,16 +308,13 @@ def _measured(study: BackwardGazingStudy) -> Found:
     shots = read_shots(study)
     if shots.positions not in (None, study.cameras.positions) and geometry.in_line(np.array(shots.positions)):
         yield study.problem("images", "the cameras are in one line and cannot determine two slopes")
-    (rows, columns), grid = (
-        shots.images.shape[1:],
-        geometry.mirror_grid(study.heliostat.rectangles, study.heliostat.pixel),
-    )
+    rows, columns = shots.images.shape[1:]
+    shape = geometry.mirror_grid(study.heliostat.rectangles, study.heliostat.pixel).module.shape
     if not shots.rectified:
         yield from _corner_problems(study, shots)
         if shots.register.any():
             yield from _registration_problems(study, shots)
-    elif (rows, columns) != grid.module.shape:
-        shape = grid.module.shape
+    elif (rows, columns) != shape:
         yield study.problem("images", (
             f"have {columns} x {rows} pixels, but the mirror has {shape[1]} x {shape[0]} of "
             f"{study.heliostat.pixel:g} m: use images on this grid, or mark the 'corners' of the heliostat"
@@ -328,7 +325,6 @@ def _measured(study: BackwardGazingStudy) -> Found:
 
 def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
     """Check that the marked corners are inside the image, in the right order, and enclose a heliostat."""
-    assert study.images is not None
     rows, columns = shots.images.shape[1:]
     order = "mark upper left, upper right, lower right and lower left of the heliostat"
     for number in np.flatnonzero(np.isfinite(shots.corners).all(axis=(1, 2))).tolist():
@@ -348,7 +344,7 @@ def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
         if wrong := next((text for text, holds in faults.items() if holds), ""):
             yield study.problem(key, wrong)
         elif outside:
-            yield f"{study.images[number].file}: {message}"
+            yield f"{(study.images or ())[number].file}: {message}"
 
 
 def _registration_problems(study: BackwardGazingStudy, shots: Shots) -> Found:

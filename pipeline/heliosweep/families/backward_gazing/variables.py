@@ -6,7 +6,6 @@ the target, and Y is its z axis, up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -59,10 +58,6 @@ def _both(name: str, dims: tuple[str, ...], long_name: str, comment: str = "", u
 
 def _part(dims: tuple[str, ...], long_name: str, comment: str = "") -> Variable:
     return quantity(dims, "1", long_name, comment, valid_range=[0.0, 1.0])
-
-
-def _quality(bits: Mapping[int, str], comment: str = "") -> Variable:
-    return flags(("slope_method", *PLANE), "quality flags of a slope", bits, comment, "flag_masks")
 
 
 #: Estimates that are used to adjust heliostats, with standard errors.
@@ -204,7 +199,12 @@ MAPS = {
         "pixels in use",
         dict(enumerate(("between_modules", "at_the_edge_of_a_module", "fewer_than_three_cameras_lit", "counts"))),
     ),
-    "quality": _quality({bit: name for bit, name in QUALITY.items() if bit <= SATURATED}),
+    "quality": flags(
+        ("slope_method", *PLANE),
+        "quality flags of a slope",
+        {bit: name for bit, name in QUALITY.items() if bit <= SATURATED},
+        kind="flag_masks",
+    ),
     **_SUN,
 }
 #: Maps for each heliostat of a field.
@@ -315,10 +315,13 @@ MEASURED = {
         "root mean square over the lit cameras of the difference between observed and modelled brightness",
     ),
     "mask": MAPS["mask"],
-    "quality": _quality(
+    "quality": flags(
+        ("slope_method", *PLANE),
+        "quality flags of a slope",
         QUALITY,
         "cameras that are saturated, invalid, out of frame, at an edge or at the limb of the disc are excluded at "
         "the pixel",
+        "flag_masks",
     ),
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from heliosweep.config import CivilTime, WeatherFile, read_weather
+from heliosweep.config import CivilTime, read_weather
 from heliosweep.dish import ERRORS, SCAN, dish_intercept, largest_tilt, window_factors
 from heliosweep.energy import MEGA
 from heliosweep.families.dish_tracking.study import DishTime, DishTrackingStudy, Ephemeris
@@ -48,11 +48,6 @@ def _factors(**words: tuple[str, str]) -> dict[str, dict[str, Any]]:
     }  # fmt: skip
 
 
-def _errors(method: str, words: str) -> dict[str, Any]:
-    return {"units": "mrad", "long_name": f"{words} tracking error of a day", "comment": _ANGLE,
-            "cell_methods": _INSTANTS.format("date", method), BEST_VALUE: SMALLEST}  # fmt: skip
-
-
 def _directed(study: DishTrackingStudy) -> bool:
     """Return True if the tilt direction is swept independently, so that statistics over it are meaningful."""
     return any(set(dim.sweeps) == {"errors.axis_tilt_direction"} for dim in study.dimensions())
@@ -70,8 +65,13 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
     table: list[tuple[bool, str, str, bool, tuple[str, ...], dict[str, dict[str, Any]]]] = [
         (True, "date", "float64", False, (), {
             **_factors(effective_tracking_factor=(day, _DAILY)),
-            "mean_tracking_error": _errors("mean", "mean"),
-            "max_tracking_error": _errors("maximum", "largest"),
+            **{
+                f"{name}_tracking_error": {
+                    "units": "mrad", "long_name": f"{words} tracking error of a day", "comment": _ANGLE,
+                    "cell_methods": _INSTANTS.format("date", method), BEST_VALUE: SMALLEST,
+                }
+                for name, words, method in (("mean", "mean", "mean"), ("max", "largest", "maximum"))
+            },
         }),
         (True, "date", "int8", False, mount, {"window_is_empty": {
             "long_name": "flag for dates without an evaluated instant, such as polar nights with daylight_only",
@@ -161,6 +161,7 @@ def computation(study: DishTrackingStudy) -> Computation:
         attrs = {"long_name": "required effective tracking factor", "units": "1"}
         dims["required_factor"] = study.statistics.required_factor.values(), attrs
     solved, swept = study.statistics is not None, {dim.name for dim in study.dimensions()}
+    concentrator = study.concentrator
     air = f"{sun.pressure:g} hPa and {sun.temperature:g} deg C"
     elevation = f"apparent, at {air}" if sun.elevation == "apparent" else f"geometric, {air} without effect"
     return Computation(
@@ -170,12 +171,12 @@ def computation(study: DishTrackingStudy) -> Computation:
         dims=dims,
         coordinates=partial(_timezones, study),
         attrs=sun_attributes(study.time, sun.delta_t, elevation),
-        inputs=None if study.concentrator is None else partial(_weather, study),
+        inputs=concentrator and (lambda: read_weather(study.resolve(concentrator.weather))),
         finish=finish,
         arrays=("mount.model", *_CONCENTRATOR),
         whole=(*["axis_tilt_direction"] * _directed(study), *["axis_tilt"] * (solved and "axis_tilt" in swept)),
         unit="tracker-instants",
-        memory=8 * 8 * dates.size * (1 + len(SCAN) * solved) + 9000 * 8 * 6 * (study.concentrator is not None),
+        memory=8 * 8 * dates.size * (1 + len(SCAN) * solved) + 9000 * 8 * 6 * (concentrator is not None),
     )
 
 
@@ -223,11 +224,6 @@ def factors(point: Point) -> dict[str, Any]:
             *(values[..., np.newaxis] for values in others),
         )
     return made
-
-
-def _weather(study: DishTrackingStudy) -> WeatherFile:
-    assert study.concentrator is not None
-    return read_weather(study.resolve(study.concentrator.weather))
 
 
 def _energy(point: Point, model: str, place: tuple[float, ...], mount: Sequence[Floats]) -> dict[str, Any]:

@@ -289,10 +289,8 @@ class DishTrackingStudy(Study):
         if self.concentrator is not None and self.site is None:
             yield Fault("has the weather of one site: give 'site'", ("concentrator", "weather"), show_value=False)
         if self.output.time_series and self.time.window.sunlit:
-            message = (
-                "needs a window between wall-clock times, because instants from sunrise to sunset differ between sites"
-            )
-            yield Fault(message, ("output", "time_series"), show_value=False)
+            message = "needs a window between wall-clock times, because instants from sunrise to sunset differ"
+            yield Fault(f"{message} between sites", ("output", "time_series"), show_value=False)
 
     def examinations(self) -> Iterable[Callable[[DishTrackingStudy], Iterable[Problem | str]]]:
         """Return the functions that check civil clocks, sites, tilt directions, nighttime instants and weather."""

@@ -39,6 +39,7 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, Setting
 from heliosweep.kernels.spots import mount_spots
 from heliosweep.kernels.traces import turned
+from heliosweep.lazy import pd
 from heliosweep.mounts import CALIBRATION_STATUS, LOSSES, error_changes
 
 Values = dict[str, NDArray[Any]]
@@ -97,8 +98,6 @@ _SMALLEST = (
     *("beam_residual_rms", "uncalibrated_beam_residual_rms", "beam_error_rms", "spot_distance_rms"),
     *("held_out_residual_rms", "uncalibrated_held_out_residual_rms", "period_standard_error"),
 )
-#: Memory needed for each spot of a fit. [bytes]
-_SPOT_BYTES = 1000
 
 
 def computation(study: MisalignmentStudy) -> Computation:
@@ -117,7 +116,7 @@ def computation(study: MisalignmentStudy) -> Computation:
         attrs={"spots": "measured" if measured else "synthetic"},
         inputs=study.campaigns,
         evaluations=count,
-        memory=lambda: _SPOT_BYTES * count(),
+        memory=lambda: 1000 * count(),  # bytes for each spot of a fit
         unit="spots",
     )
 
@@ -143,21 +142,18 @@ def most_spots(campaigns: Mapping[str, MeasuredSpots]) -> int:
 
 def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) -> NDArray[np.datetime64]:
     """Return the start times of the windows that cover the days from the first spot to the last spot."""
-    block, times = study.calibration, np.concatenate([measured.utc for measured in campaigns.values()])
-    assert block is not None
-    assert block.window is not None
+    block: Any = study.calibration
+    times = np.concatenate([measured.utc for measured in campaigns.values()])
     first, day = times.min().astype("datetime64[D]").astype("datetime64[ns]"), np.timedelta64(1, "D")
     step = block.window_step or block.window
     count = max(0, math.floor(((times.max() - first) / day - block.window) / step) + 1)
-    begins: NDArray[np.datetime64] = first + np.arange(count + 1) * np.timedelta64(round(step * 86400e9), "ns")
-    return begins
+    return np.asarray(first + np.arange(count + 1) * np.timedelta64(round(step * 86400e9), "ns"))
 
 
 def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     """Return the variables of a study's result."""
-    lead, each, block = ("heliostat",), ("heliostat", *instant_sizes(study)), study.calibration
-    assert block is not None
-    measured = study.table_of_spots() is not None
+    lead, each, measured = ("heliostat",), ("heliostat", *instant_sizes(study)), study.table_of_spots() is not None
+    block: Any = study.calibration
     found = estimate_variables("spot", not measured, block.condition_limit) | {
         "leave_one_out_rms": quantity(
             lead,
@@ -330,8 +326,7 @@ def rms(squares: Floats, counted: NDArray[np.bool_], coordinates: int = 1) -> Fl
 
 def known_errors(status: NDArray[np.int64], estimate: Floats) -> Floats:
     """Return the errors that corrected commands use: the estimates, or NaN if there is no usable estimate."""
-    known: Floats = np.where(np.isin(status, KNOWN)[..., np.newaxis], np.nan_to_num(estimate), np.nan)
-    return known
+    return np.asarray(np.where(np.isin(status, KNOWN)[..., np.newaxis], np.nan_to_num(estimate), np.nan))
 
 
 def observed_of(
@@ -443,9 +438,8 @@ def _measured(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Valu
         single[name.replace("beam", "held_out")] = 1e3 * rms(squares, held & np.isfinite(squares))
     if block.window is not None:
         single |= _windows(mounts, observed, utc, periods(point.study, point.inputs), block.window, options)
-    spots = {"residual_{}": found.residual, "spot_{}_before": before, "spot_{}_after": found.left_out}
-    for name, array in spots.items():
-        single |= pairs(name, array)
+    single |= pairs("residual_{}", found.residual) | pairs("spot_{}_before", before)
+    single |= pairs("spot_{}_after", found.left_out)
     values = estimates(found._replace(status=status), 1, "spot")
     return values | {name: array[:, None] for name, array in single.items()}, known_errors(
         status[:, np.newaxis], found.estimate[:, np.newaxis]
@@ -466,10 +460,15 @@ def _windows(
         found.append((np.where(known, 1e3 * made.estimate, np.nan), np.where(known, 1e3 * errors, np.nan), made.used))
     error, spread, used = (np.stack(each) for each in zip(*found, strict=True))
     changes = error_changes(error, spread, 2 * used - options["parameters"])
-    names = ("error", "standard_error", "spots", "change", "change_error")
-    values = (error, spread, used, changes["change"], changes["change_error"], changes["changed"])
-    made_of = zip((*(f"period_{name}" for name in names), "drift"), values, strict=True)
-    return {name: np.swapaxes(np.asarray(each), 0, 1) for name, each in made_of}
+    values = {
+        "period_error": error,
+        "period_standard_error": spread,
+        "period_spots": used,
+        "period_change": changes["change"],
+        "period_change_error": changes["change_error"],
+        "drift": changes["changed"],
+    }
+    return {name: np.swapaxes(np.asarray(each), 0, 1) for name, each in values.items()}
 
 
 def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:
@@ -501,9 +500,7 @@ def _deviations(mounts: Mounts, observed: Observed, found: Fit, parameters: int)
 
 def _medians(values: Floats) -> Floats:
     """Return the median of each row, ignoring NaN, shape (H, 1). The result is NaN if a row has no values."""
-    ordered, count = np.sort(values, axis=1), np.count_nonzero(~np.isnan(values), axis=1)[:, np.newaxis]
-    middles = [np.take_along_axis(ordered, np.maximum(at, 0), axis=1) for at in ((count - 1) // 2, count // 2)]
-    return 0.5 * (middles[0] + middles[1])
+    return np.asarray(pd.DataFrame(values).median(axis=1))[:, np.newaxis]
 
 
 def _better_reading(
@@ -536,5 +533,4 @@ def _better_reading(
 
 
 def _large(found: Fit) -> NDArray[np.bool_]:
-    large: NDArray[np.bool_] = np.nanmax(np.abs(found.estimate), axis=1, initial=0.0) > DOUBTFUL_ERROR * 1e-3
-    return large
+    return np.asarray(np.nanmax(np.abs(found.estimate), axis=1, initial=0.0) > DOUBTFUL_ERROR * 1e-3)

@@ -61,8 +61,8 @@ _SIDES = {"y": SIDES["y"], "z": f"{SIDES['z']}, along the receiver's face"}
 
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    block, measured, found = study.detectors, study.table_of_spots() is not None, variables(study)
-    assert block is not None
+    measured, found = study.table_of_spots() is not None, variables(study)
+    block: Any = study.detectors
     segments, rounds = segments_of(block), block.rounds or 1
     dims = labels_of(study, "crossing") | {
         "trace": (np.array(TRACES, object), {"long_name": "trace, named after the axis of its cylinder"}),
@@ -209,8 +209,8 @@ class _Field(NamedTuple):
         plane, along = self.segments.points(readings)
 
         def listed(values: NDArray[Any]) -> NDArray[Any]:
-            whole = np.broadcast_to(values, (*shape, values.shape[-1]))
-            return whole.reshape(shape[0] * shape[1], shape[2], -1, values.shape[-1])
+            size = values.shape[-1]
+            return np.broadcast_to(values, (*shape, size)).reshape(shape[0] * shape[1], shape[2], -1, size)
 
         per_instant = (slice(None), *[np.newaxis] * 3)
         return Observed(
@@ -320,10 +320,9 @@ class _Field(NamedTuple):
         none = np.zeros((len(numbers), 1, 1, len(ERRORS)))
         values = self.sights(self.mounts.stand(self.mounts.aim(self.sun, none), none))
         _, which = self.segments.nearest(measured.position)
-        assert measured.trace is not None
         observed = observed_of(measured, self.mounts, numbers)._replace(
             position=measured.lists(numbers, self.mounts.on_face(measured.position)),
-            trace=measured.lists(numbers, measured.trace, 0),
+            trace=measured.lists(numbers, np.asarray(measured.trace), 0),
             along=measured.lists(numbers, self.mounts.on_face(self.segments.along[which])),
         )
         fitted, found = self.estimate(observed)

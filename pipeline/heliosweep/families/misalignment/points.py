@@ -42,26 +42,13 @@ _LABELS = (
     *(f"mount.{key}" for key in ("kind", "axis_azimuth", "mirror_offset", "axis_offset", "pedestal_height")),
     "heliostats.pivot_height",
 )
-_POSITIONS = {
-    "x": "distance of the pivot east of the tower",
-    "y": "distance of the pivot north of the tower",
-    "z": "height of the pivot above the tower's base",
-}
-_HOUR = {"solar": "solar time of day", "civil": "wall-clock time of day"}
-
-
-#: Functions that declare the computation of each mode.
-_COMPUTATIONS = {
-    "curves": "spots:curves_work",
-    "mount_errors": "spots:mount_errors_work",
-    "calibration": "calibration:computation",
-    "detectors": "detectors:computation",
-}
 
 
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the computation for the mode of a study, with the labels and dimensions common to all modes."""
-    made: Computation = pkgutil.resolve_name(f"{__package__}.{_COMPUTATIONS[study.mode]}")(study)
+    declared = {"curves": "spots:curves_work", "mount_errors": "spots:mount_errors_work"}
+    place = declared.get(study.mode, f"{study.mode}:computation")
+    made: Computation = pkgutil.resolve_name(f"{__package__}.{place}")(study)
     fixed: Any = {"sun_position": "as given"} if study.time is None else {}
     return replace(
         made,
@@ -85,7 +72,7 @@ def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
     time = study.time
     if time is None:
         return {"day": 1, "hour": 1}
-    hour = {"long_name": _HOUR[time.clock], "units": "h"}
+    hour = {"long_name": f"{'solar' if time.clock == 'solar' else 'wall-clock'} time of day", "units": "h"}
     if isinstance(time, CivilTime):
         dates = np.array(time.date_list(), dtype="datetime64[ns]")
         return {"date": (dates, DATE), "hour": (_wall_seconds(time) / 3600, hour)}
@@ -115,8 +102,8 @@ def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
     """
     zone, seconds = parse_timezone(timezone), _wall_seconds(time).tolist()
     found = [to_utc(date, second, zone) for date in time.date_list() for second in seconds]
-    times = [utc.replace(tzinfo=None) if is_shown else "NaT" for utc, is_shown in found]
-    return np.reshape([np.datetime64(time, "ns") for time in times], (-1, len(seconds)))
+    times = [np.datetime64(utc.replace(tzinfo=None) if is_shown else "NaT", "ns") for utc, is_shown in found]
+    return np.reshape(times, (-1, len(seconds)))
 
 
 def _wall_seconds(time: CivilTime) -> Floats:
@@ -148,8 +135,13 @@ class Positions(LayoutAxis):
     def coordinates(self) -> dict[str, xr.DataArray]:
         """Return the coordinates ``heliostat``, ``x``, ``y`` and ``z``."""
         number = "number of the heliostat in the list of positions, counted from 0"
+        columns = {
+            "x": "distance of the pivot east of the tower",
+            "y": "distance of the pivot north of the tower",
+            "z": "height of the pivot above the tower's base",
+        }
         return {"heliostat": self.numbers.assign_attrs(long_name=number)} | {
-            name: self.column(name).assign_attrs(long_name=meaning, units="m") for name, meaning in _POSITIONS.items()
+            name: self.column(name).assign_attrs(long_name=meaning, units="m") for name, meaning in columns.items()
         }
 
 

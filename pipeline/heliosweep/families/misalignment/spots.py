@@ -54,12 +54,6 @@ OUTLINE = 36
 _SAME = 1e-12
 _FIRST = "the first instant if there are several; missing if the minimum tolerance is infinite or missing"
 _SEEN = "for an observer in the field who faces the receiver; missing unless spot_status is 0"
-#: Units and long names for the instant of the minimum tolerance.
-_INSTANTS = {
-    "day": ("1", "day of the year"),
-    "declination": ("degree", "declination of the sun"),
-    "hour": ("h", "hour"),
-}
 #: Axes in the mirror plane about which the remaining tolerance is computed.
 TOLERANCE_AXES = ("elevation", "azimuth")
 #: Default percentiles of the remaining tolerance.
@@ -186,14 +180,14 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     found["minimum_tolerance"] = of_curve(
         dims[:1], "mrad", meaning, "infinite if the spot never leaves the aperture; missing if there is no spot"
     )
-    for dim in (day, hour) if study.time is not None else ():
-        unit, words = _INSTANTS.get(dim, ("", ""))
-        date = {"long_name": "local date of the minimum tolerance", "comment": _FIRST}
-        found[f"{dim}_of_minimum_tolerance"] = (
-            of_curve(dims[:1], unit, f"{words} of the minimum tolerance", _FIRST)
-            if unit
-            else Variable(dims[:1], date, np.dtype("datetime64[ns]"), without=alone)
-        )
+    date = {"long_name": "local date of the minimum tolerance", "comment": _FIRST}
+    instants = {
+        "day": of_curve(dims[:1], "1", "day of the year of the minimum tolerance", _FIRST),
+        "declination": of_curve(dims[:1], "degree", "declination of the sun of the minimum tolerance", _FIRST),
+        "date": Variable(dims[:1], date, np.dtype("datetime64[ns]"), without=alone),
+        "hour": of_curve(dims[:1], "h", "hour of the minimum tolerance", _FIRST),
+    }
+    found |= {f"{dim}_of_minimum_tolerance": instants[dim] for dim in (day, hour) if study.time is not None}
     if study.detectors is not None:
         meaning = "crossing of the deviation curve with a line of detectors"
         found |= {

@@ -36,7 +36,7 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
-    from heliosweep.families.misalignment.study import Detectors, MisalignmentStudy
+    from heliosweep.families.misalignment.study import MisalignmentStudy
 
 #: Maximum size of a file, and maximum number of spots. [bytes, 1]
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
@@ -331,8 +331,7 @@ def _universal_times(table: Table, timezone: str) -> NDArray[np.datetime64]:
 
 
 def _below(sun: Floats) -> str:
-    elevation = np.degrees(np.arcsin(np.clip(sun[2], -1.0, 1.0)))
-    return f"the sun is not above the horizon (elevation {elevation:.2f} deg)"
+    return f"the sun is not above the horizon (elevation {np.degrees(np.arcsin(np.clip(sun[2], -1, 1))):.2f} deg)"
 
 
 def _heliostats(count: int, names: Sequence[str]) -> Column:
@@ -450,7 +449,7 @@ class Segments(NamedTuple):
         return distance.min(axis=1), distance.argmin(axis=1)
 
 
-def segments_of(block: Detectors) -> Segments:
+def segments_of(block: Any) -> Segments:
     """Return the segments of all detector lines and arrays in a study."""
     rows: list[tuple[int, Floats, Floats, float, tuple[float, float]]] = []
     for l0, l1, l2 in block.lines or ():
@@ -515,7 +514,6 @@ def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem
         far = (distance > FARTHEST_SPOT * away) & np.isnan(measured.angles).any(axis=1)
         words = "the spot is {:.4g} m from the aim point, and its heliostat {:.4g} m: check that it is in metres"
     else:
-        assert study.detectors is not None
         away = distance = segments_of(study.detectors).nearest(measured.position)[0]
         far = distance > FARTHEST_CROSSING
         words = "the crossing is {:.4g} m from the nearest array of detectors: check that both are in metres"

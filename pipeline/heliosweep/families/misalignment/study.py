@@ -392,16 +392,14 @@ class Detectors(Block):
 class SpotColumns(Parameter):
     """Column titles in a table of spots."""
 
-    _FORM = "write a title, or {from: title, scale, offset}"
-
     def read(self, raw: Any) -> dict[str, dict[str, Any]]:
         """Return the title, the scale and the offset of each column. Raises Invalid."""
         readers = {key: partial(self._column, key in SCALED) for key in COLUMNS if key != "comment"}
         found = read_mapping(raw, readers, (), "write {column: title}, such as {heliostat: Heliostat}")
-        titles = [one["from"] for one in found.values()]
-        for at, (key, title) in enumerate(zip(found, titles, strict=True)):
-            if title in titles[:at]:
-                raise Invalid(Fault(f"{title!r} is also the title of {list(found)[titles.index(title)]}", (key,)))
+        keys: dict[str, str] = {}
+        for key, one in found.items():
+            if (first := keys.setdefault(one["from"], key)) != key:
+                raise Invalid(Fault(f"{one['from']!r} is also the title of {first}", (key,)))
         return found
 
     def _column(self, scaled: bool, raw: Any) -> dict[str, Any]:
@@ -409,7 +407,7 @@ class SpotColumns(Parameter):
             return {"from": raw}
         number = Quantity("", "1", sweep=False).read
         readers: dict[str, Any] = {"from": free_text} | ({"scale": number, "offset": number} if scaled else {})
-        found = read_mapping(raw, readers, ("from",), self._FORM)
+        found = read_mapping(raw, readers, ("from",), "write a title, or {from: title, scale, offset}")
         if found.get("scale") == 0:
             raise Invalid(Fault("must not be 0", ("scale",)))
         return found
@@ -719,24 +717,20 @@ class MisalignmentStudy(Study):
         """Return the measured spots or crossings of each file, with sun vectors, by file name. Raises StudyError."""
         site: Any = self.site or Site(latitude=0.0)
         key, names = self.table_of_spots() or ("", ())
-        if len({PurePath(name).name for name in names}) < len(names):
-            raise StudyError(
-                self.problem(key, "files have the same name, but names are the labels of campaigns: rename one of them")
-            )
-        block, crossings = self.calibration if key == "calibration.spots" else None, key == "detectors.crossings"
-        given: Mapping[str, Any] = (block and block.columns) or {}
+        block = (self.calibration if key == "calibration.spots" else None) or Calibration()
         columns = tuple(
-            (name, one["from"], one.get("scale", 1.0), one.get("offset", 0.0)) for name, one in given.items()
+            (name, one["from"], one.get("scale", 1.0), one.get("offset", 0.0))
+            for name, one in (block.columns or {}).items()
         )
-        more = (site.latitude, site.longitude, site.altitude), crossings, (block and block.timezone) or "", columns
-        found = {
-            PurePath(name).name: spots_under_suns(self.resolve(name), *self.heliostat_names(), *more) for name in names
-        }
+        place, crossings = (site.latitude, site.longitude, site.altitude), key == "detectors.crossings"
+        more = *self.heliostat_names(), place, crossings, block.timezone or "", columns
+        found = {PurePath(name).name: spots_under_suns(self.resolve(name), *more) for name in names}
+        if len(found) < len(names):
+            message = "files have the same name, but names are the labels of campaigns: rename one of them"
+            raise StudyError(self.problem(key, message))
         if any(measured.timed for measured in found.values()):
-            message = (
-                "is missing, and is needed to compute the sun at the times of the spots: give it, or give sun vectors"
-            )
-            raise StudyError(self.problem("site.longitude", message))
+            message = "is missing, and is needed to compute the sun at the times of the spots: give it"
+            raise StudyError(self.problem("site.longitude", f"{message}, or give sun vectors"))
         return found
 
     def measured_spots(self) -> MeasuredSpots | None:
@@ -746,10 +740,8 @@ class MisalignmentStudy(Study):
 
 def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
     """Check that the sun rises at one or more sites. Sites without a sunrise have no spots."""
-    if study.time is None:
-        return ()
     missing = list(civil_clock_problems(study)) if isinstance(study.time, CivilTime) else []
-    return missing or dark_places(study, "it has no spots (NaN)")
+    return missing or (dark_places(study, "it has no spots (NaN)") if study.time else ())
 
 
 def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
