@@ -40,6 +40,7 @@ from heliosweep.grid import (
     SMALLEST,
     Cut,
     Plan,
+    Region,
     Variable,
     Workload,
     bytes_of,
