@@ -478,7 +478,7 @@ def _of_arrays(result: xr.Dataset) -> Remarks:
 def _of_calibrations(result: xr.Dataset) -> Remarks:
     yield from _of_flags(result, "calibration_status")
     doubtful = result["calibration_status"].to_numpy() == DOUBTFUL
-    heliostats = _names(result)[doubtful.reshape(-1, doubtful.shape[-1]).any(axis=0)]
+    heliostats = result[label_of(result.coords)].to_numpy()[doubtful.reshape(-1, doubtful.shape[-1]).any(axis=0)]
     listed = ", ".join(map(str, heliostats[:_LISTED])) + ", ..." * int(heliostats.size > _LISTED)
     yield (
         heliostats.size,
@@ -542,10 +542,6 @@ def _of_spots(result: xr.Dataset) -> Remarks:
     yield int(dark.sum()), f"{words}: no spot (spot_status {NO_SUN})"
 
 
-def _names(result: xr.Dataset) -> np.ndarray:
-    return np.asarray(result[label_of(result.coords)])
-
-
 def _of_drift(result: xr.Dataset) -> Remarks:
     order = (HELIOSTAT, "parameter", "period")
     drift = result["drift"].transpose(..., *order).to_numpy().reshape(-1, *(result.sizes[dim] for dim in order))[0] == 1
@@ -555,7 +551,11 @@ def _of_drift(result: xr.Dataset) -> Remarks:
     )
     rows, errors = np.nonzero(drift.any(axis=-1))
     last = drift.shape[-1] - 1 - np.argmax(drift[rows, errors, ::-1], axis=-1)
-    size, spread, names = change[rows, errors, last], error[rows, errors, last], _names(result)
+    size, spread, names = (
+        change[rows, errors, last],
+        error[rows, errors, last],
+        result[label_of(result.coords)].to_numpy(),
+    )
     listed = "; ".join(
         f"{names[rows[k]]} {result['parameter'].to_numpy()[errors[k]].replace('_', ' ')} {size[k]:+.2f} "
         f"+- {spread[k]:.2f} mrad by {result['period'].to_numpy()[last[k]]:.10}"
@@ -569,13 +569,10 @@ def _of_drift(result: xr.Dataset) -> Remarks:
 
 
 def _of_measured(result: xr.Dataset) -> Remarks:
-    several = "campaign" in result["better_reading"].dims
-    for campaign in map(str, result["campaign"].to_numpy()) if several else ("",):
-        table = result.sel(campaign=campaign) if several else result
-        yield from ((count, f"{campaign}: " * several + words) for count, words in _of_campaign(table))
-
-
-def _of_campaign(result: xr.Dataset) -> Remarks:
+    if "campaign" in result["better_reading"].dims:
+        tables = {str(name): result.sel(campaign=name) for name in result["campaign"].to_numpy()}
+        yield from ((count, f"{name}: {words}") for name, one in tables.items() for count, words in _of_measured(one))
+        return
     point = result.isel({dim: 0 for dim in result["better_reading"].dims if dim != "heliostat"})
     known = int(np.isin(point["calibration_status"], KNOWN).sum())
     mirrored = (
@@ -586,7 +583,9 @@ def _of_campaign(result: xr.Dataset) -> Remarks:
         count = int((point["better_reading"] == code).sum())
         fitted = f"the spots of {count:,} of {known:,} heliostats fit much better {READINGS[code].replace('_', ' ')}"
         yield int(count > (known / 4 if count > 1 else known / 2)), f"{fitted}: {advice} (better_reading)"
-    names, time, deviation = _names(point), point["spot_time"].to_numpy(), point["spot_deviation"].to_numpy()
+    names, time, deviation = (
+        point[name].to_numpy() for name in (label_of(point.coords), "spot_time", "spot_deviation")
+    )
     distance = np.hypot(point["residual_y"].to_numpy(), point["residual_z"].to_numpy())
     rows, spots = np.nonzero(deviation > LARGEST_DEVIATION)
     worst = np.argsort(-deviation[rows, spots], kind="stable")[:_LISTED]

@@ -195,16 +195,6 @@ class MeasuredSpots:
         last[order] = np.searchsorted(of, of, "right") - np.arange(of.size)
         return last <= given
 
-    def under(self, sun: Floats) -> MeasuredSpots:
-        """Return the spots with the given sun vectors at their times, unit vectors of shape (S, 3).
-
-        Raises StudyError if the sun is at or below the horizon for a spot.
-        """
-        if (low := np.flatnonzero(~(sun[:, 2] > 0))).size:
-            words = "; check the time, its offset and the site"
-            raise StudyError(self.problems(low, [_below(sun[row]) + words for row in low[:MAX_LISTED]]))
-        return replace(self, sun=np.array(sun, np.float64))
-
     def problems(self, rows: NDArray[np.int64], messages: Sequence[str]) -> list[Problem]:
         """Return a problem for each row that has a message, with the line of the row in the file."""
         lines = self.lines[rows].tolist()
@@ -232,7 +222,11 @@ def spots_under_suns(
         return measured
     from heliosweep.sun import sun_vectors
 
-    return measured.under(sun_vectors(measured.utc, latitude, longitude, altitude))
+    sun = sun_vectors(measured.utc, latitude, longitude, altitude)
+    if (low := np.flatnonzero(~(sun[:, 2] > 0))).size:
+        words = "; check the time, its offset and the site"
+        raise StudyError(measured.problems(low, [_below(sun[row]) + words for row in low[:MAX_LISTED]]))
+    return replace(measured, sun=sun)
 
 
 def read_spots(
@@ -297,6 +291,13 @@ def read_spots(
         titles={key: title for key, title, *_ in columns},
     )
 
+    utc = np.full(len(table), _NO_TIME)
+    if "time" in table.header:
+        times, local = table.column("time").reshape(-1, 2).T
+        utc, local = times.astype("datetime64[ns]"), local.astype(bool)
+        if local.any():
+            utc[local] = wall_to_utc(utc[local], parse_timezone(timezone))
+
     def values(*keys: str, missing: Any = np.nan) -> NDArray[Any]:
         """Return the columns as one array, filled with `missing` if the table has none of them."""
         given = [table.column(key) if key in table.header else np.full(len(table), missing) for key in keys]
@@ -306,7 +307,7 @@ def read_spots(
         values("heliostat")[:, 0],
         values("y", "z"),
         _unit_vectors(table, values(*_SUN)),
-        _universal_times(table, timezone),
+        utc,
         values("weight", missing=1.0)[:, 0],
         np.radians(values("azimuth", "elevation")),
         table.lines,
@@ -318,16 +319,6 @@ def read_spots(
     )
     table.finish()
     return spots
-
-
-def _universal_times(table: Table, timezone: str) -> NDArray[np.datetime64]:
-    if "time" not in table.header:
-        return np.full(len(table), _NO_TIME)
-    times, local = table.column("time").reshape(-1, 2).T
-    times, local = times.astype("datetime64[ns]"), local.astype(bool)
-    if local.any():
-        times[local] = wall_to_utc(times[local], parse_timezone(timezone))
-    return times
 
 
 def _below(sun: Floats) -> str:
