@@ -733,7 +733,7 @@ def trace(
         )  # fmt: skip
         if cuda:
             parts = (  # called functions first
-                packets.dot, packets.offset, packets._occludes, packets._beside, search, cone, _frame, _place,
+                packets.dot, packets.offset, packets.occludes, packets._beside, search, cone, _frame, _place,
                 _map_slopes, _reflect, _cover, _tower, _meet_cylinder, _meet_rectangle, _count, _rotated, _constants,
                 _add, trace_pairs,
             )  # fmt: skip

@@ -34,7 +34,6 @@ from heliosweep.families.field_efficiency.losses import (
 )
 from heliosweep.families.field_efficiency.optics import KEYS, label_keys
 from heliosweep.families.field_efficiency.traced import (
-    RANKING,
     LightSums,
     TracedField,
     is_series_traced,
@@ -567,7 +566,7 @@ def select(
     number, power, by, heat = wanted
     whole, pieces = field_of(layout), []
     if isinstance(whole, TracedField):
-        whole = whole._replace(coarse=RANKING)
+        whole = whole._replace(coarse=8.0)
     for start, stop in blocks:
         if by in DESIGN:
             pieces.append(whole.design(start, stop))

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.field_efficiency.flux import DIMS
-from heliosweep.families.field_efficiency.variables import EFFICIENCIES, FACTORED, LIGHT, PRODUCT
+from heliosweep.families.field_efficiency.variables import ANGLES, EFFICIENCIES, FACTORED, LIGHT, PRODUCT
 from heliosweep.report.context import Context
 from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Maps, Rasters, Special, is_ordered
 from heliosweep.report.tables import SOURCE, Table, numbers
@@ -95,7 +95,6 @@ _EFFICIENCIES = tuple(f"{name}_efficiency" for name in (
 ))  # fmt: skip
 _ENERGY = ("energy_per_mirror_area", "receiver_energy", "rank")
 PLACES = ("latitude", "site", "layout")
-_ANGLES = ("primary_angle", "secondary_angle")
 #: Dimensions that have separate figures.
 _OWN = (HELIOSTAT, "time", "month", "stage", "cause", "item", *DIMS, "effect", "image", "corner")
 
@@ -155,7 +154,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
         Curves("efficiency_over_time", "Mean efficiency of the heliostats at each instant",
                [name for name in series if result[name].size <= 4_000_000], over=("time",), lines=lines,
                reduce={HELIOSTAT: "mean"}, image=result.sizes.get("time", 0) <= 400),
-        Curves("angles", "Angles of the axes", _ANGLES, over=("time",), image=False),
+        Curves("angles", "Angles of the axes", ANGLES, over=("time",), image=False),
         *(Maps(f"{axis}_motion_maps", f"Range of motion of the {axis} axis of every heliostat over the period",
                (*(f"{axis}_angle_{of}" for of in ("range", "rate", "travel")), f"{axis}_angle"), panels=places,
                lines=lines)

@@ -12,7 +12,6 @@ import numpy as np
 from heliosweep.config import SolarTime, SunDirections, Sweep, ends, few_of, read_profile
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.light_files import (
-    MIN_RMS,
     SlopeMap,
     facet_side,
     read_calibration,
@@ -153,7 +152,7 @@ def _files(study: Any) -> Iterator[Problem | str]:
         yield study.problem("optics.cleanliness_by_month", message)
     for name in study.files().get("optics.slope_map", ()):
         found = read_slopes(study.resolve(name), name)
-        if (rms := 1e3 * float(np.sqrt(np.nanmean(found.slope**2)))) < MIN_RMS:
+        if (rms := 1e3 * float(np.sqrt(np.nanmean(found.slope**2)))) < 0.01:
             yield (
                 f"{name}: the RMS slope is {rms:.2g} mrad, less than for any real mirror. If the file is in rad, "
                 "convert it to mrad"

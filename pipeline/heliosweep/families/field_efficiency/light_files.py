@@ -21,8 +21,6 @@ from heliosweep.lazy import xr
 MAX_POINTS = 1_000_000
 #: Maximum slope in a slope map or a layout column. [mrad]
 MOST_SLOPE = 100.0
-#: RMS slope below which a map is probably in a wrong unit, such as rad. [mrad]
-MIN_RMS = 0.01
 #: Layout columns with angles by which the normals of the heliostats are rotated. [mrad]
 TURN_COLUMNS = ("error_u", "error_v")
 _MAP = {

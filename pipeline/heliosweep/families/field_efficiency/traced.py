@@ -34,14 +34,10 @@ if TYPE_CHECKING:
 
 #: Default relative standard error of the field's energy for ordinary results and for draws. [1]
 PRECISION, DRAWN_PRECISION = 1e-4, 2e-3
-#: Standard error for ranking heliostats divided by the standard error for the result. [1]
-RANKING = 8.0
 #: Values for draws: number of rays per pair of heliostat and instant, relative standard deviation of the light between
 #: pairs, fraction of instants with the sun up, and allowed steps between traced instants. All steps cover all hours of
 #: the day. [1]
 DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
-#: Usual number of rays for a year, number of instants below which it is increased, and factor for a flux map. [1]
-USUAL_RAYS, MANY_INSTANTS, MAPPED = 64, 2440, 2
 #: Efficiencies that depend on the instant.
 _OF_INSTANTS = (*EFFICIENCIES, LIGHT[0], LIGHT[-1])
 #: Maximum number of pairs of heliostat and group whose sums are reused at the next point.
@@ -59,9 +55,8 @@ def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> f
     if study.sample is not None and not flux_cells(study) and (step := drawn_step(optics, heliostats * instants)) > 1:
         return lit * DRAWN_RAYS / step
     finer = (PRECISION / (optics.precision or PRECISION)) ** (1.0 / 0.7)
-    wanted = (
-        USUAL_RAYS * max(1.0, MANY_INSTANTS / (lit * instants)) ** 0.8 * (MAPPED if flux_cells(study) else 1) * finer
-    )
+    # 64 rays are usual for a year. Fewer than 2440 instants need more rays, and a flux map twice the number.
+    wanted = 64 * max(1.0, 2440 / (lit * instants)) ** 0.8 * (2 if flux_cells(study) else 1) * finer
     return lit * min(max(DRAWN_RAYS, wanted), rays.MOST)
 
 

@@ -382,8 +382,6 @@ def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats
 FULL_SCALE = 1.25
 #: Number of plane waves of a wavy surface.
 WAVES = 48
-#: Minimum distance of used pixels from the edge of a module, as a margin for registration errors. [pixels]
-MARGIN = 0.1
 #: Bits for the reasons why a camera is not used at a pixel of the mirror, compatible with the flags of `slopes`.
 OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 64, 8, 16, 32, 4
 
@@ -818,7 +816,8 @@ def rectify(
             weight, value = _weight(u - here_u) * _weight(v - here_v), images[i, here_v, here_u]
             flags[i] |= NOT_A_NUMBER * np.isnan(value) | SATURATED * (value >= limits[i])
             total, square, dark = total + weight * value, square + weight * weight, dark + (value < threshold)
-        flags[i] |= AT_EDGE * ~np.all(far >= MARGIN, axis=0) | AT_LIMB * ((dark > 0) & (dark < 16))
+        # 0.1 pixels are a margin for registration errors
+        flags[i] |= AT_EDGE * ~np.all(far >= 0.1, axis=0) | AT_LIMB * ((dark > 0) & (dark < 16))
         flags[i] = np.where(inside, flags[i], OUT_OF_FRAME)
         values[i], noise[i] = np.where(flags[i] == 0, (total, np.sqrt(square)), np.nan)
     return values, flags, noise
