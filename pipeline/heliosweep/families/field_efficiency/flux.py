@@ -333,8 +333,8 @@ def limit_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], .
         (varies(study) and some, "aim.at",
          f"is for times at a site without 'design_point', at most {MOST_INSTANTS} (got {instants:,}): remove it"),
         (is_limited(study) and shown and flux_cells(study) != cells_of(study), "output.flux_map",
-         f"must have the cells of the limit, {' x '.join(map(str, cells_of(study) or ()))}: set 'aim.flux_rows' and "
-         "'aim.flux_columns' to its rows and columns"),
+         f"must have the same cells as the flux limit, {' x '.join(map(str, cells_of(study) or ()))}: set "
+         "'aim.flux_rows' and 'aim.flux_columns' to the rows and columns of the map"),
     )  # fmt: skip
 
 
