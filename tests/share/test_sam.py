@@ -79,6 +79,13 @@ def test_azimuths_turn_into_their_range(small, tmp_path):
         write_table(twice, tmp_path / "n.csv")
 
 
+def test_factor(small, table):
+    less = efficiency_table(small(), AE, azimuth=AZIMUTH, elevation=ELEVATION, factor=0.5)
+    np.testing.assert_allclose(less, table * 0.5)
+    with pytest.raises(StudyError, match="more than 0 and at most 1"):
+        efficiency_table(small(), AE, factor=1.5)
+
+
 def test_blocks_of_the_year_change_no_table(small):
     """Losses of the receiver, costs and availability need a year; a table has none of them."""
     optics = {"sun_shape": {"kind": "pillbox"}, "slope_error": 1, "rays": 16}
