@@ -1,7 +1,5 @@
 """Small studies with some of their blocks replaced, and what is computed of a study."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures of one study of each family and mode: all are drawn, complete and legible; a missing variable omits some."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

@@ -1,12 +1,13 @@
 """The same bytes of a result, however the work is cut and wherever it is done."""
 
-from __future__ import annotations
-
+import time
 from typing import Any
 
+import numpy as np
 import pytest
 
 from heliosweep import api
+from heliosweep.errors import PlanError
 from heliosweep.kernels.mounts import ERRORS
 from heliosweep.store.read import result_digest
 from tests.conftest import SMALL
@@ -14,7 +15,9 @@ from tests.families.backward_gazing.test_field import SMALL as GAZING_FIELD
 from tests.families.backward_gazing.test_study import SMALL as GAZING
 from tests.families.field_efficiency.test_energy import BLOCKS, LIMITS
 from tests.families.field_efficiency.test_optics import OPTICS
-from tests.families.misalignment.studies import CALIBRATION, MOUNT_ERRORS, SWEPT, Content
+from tests.families.misalignment import test_detectors as detectors
+from tests.families.misalignment.studies import CALIBRATION, CURVES, MOUNT_ERRORS, SWEPT, Content
+from tests.families.misalignment.test_mount_errors import ALL_DRAWN
 
 ALONE = {"scheduler": "synchronous", "workers": 1}
 THREADS = {"scheduler": "threads", "workers": 2}
@@ -24,20 +27,16 @@ EVERY_WAY: list[Content] = [
 ]
 YEAR: Content = {**SMALL, **BLOCKS, "limits": LIMITS}
 OPTICAL: Content = {
-    **SMALL,
-    "site": {"latitude": 40},
-    "tracking": "spinning_elevation",
+    **SMALL, "site": {"latitude": 40}, "tracking": "spinning_elevation",
     "time": {
-        "clock": "solar",
-        "days": {"start": 1, "stop": 365, "step": 10},
-        "hours": {"start": 0, "stop": 24, "step": 1},
+        "clock": "solar", "days": {"start": 1, "stop": 365, "step": 10}, "hours": {"start": 0, "stop": 24, "step": 1},
         "sampling": "midpoint",
     },
     "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 16}},
     "heliostat": {**SMALL["heliostat"], "focus": "slant"},
     "receiver": {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -20, "width": 7, "height_extent": 7},
     "optics": OPTICS,
-}
+}  # fmt: skip
 DRAWN = {name: {"normal": [0.1, 2.0]} for name in ERRORS} | {"seed": 7}
 
 CASES: dict[str, tuple[Content, list[Content]]] = {
@@ -66,12 +65,9 @@ CASES: dict[str, tuple[Content, list[Content]]] = {
         GAZING_FIELD
         | {
             "field": {
-                "latitude": 37.4,
-                "day": 81,
-                "hours": [12],
+                "latitude": 37.4, "day": 81, "hours": [12],
                 "layout": {"radial_stagger": {"clearance": 15, "inner_radius": 90, "heliostats": 4}},
-                "receiver_height": [80, 95],
-                "pivot_height": 7,
+                "receiver_height": [80, 95], "pivot_height": 7,
             },
             "cameras": {"noise": 0.01},
         },
@@ -98,9 +94,7 @@ CASES: dict[str, tuple[Content, list[Content]]] = {
             "mount_errors": {**DRAWN, "samples": 3, "scale": [0.5, 1.0]},
             "detectors": {
                 "arrays": [{"points": [[-9, -8], [9, -8], [9, 9]]}, {"points": [[-8, -9], [-8, 9]]}],
-                "parameters": [2, 4, 6],
-                "noise": 0.02,
-                "rounds": 2,
+                "parameters": [2, 4, 6], "noise": 0.02, "rounds": 2,
             },
         },
         [THREADS | {"chunks": {"heliostat": 1, "parameters": 1}}, THREADS | {"chunks": {"heliostat": 2}}],
@@ -116,7 +110,7 @@ CASES: dict[str, tuple[Content, list[Content]]] = {
             THREADS | {"chunks": {"heliostat": 2, "days_used": 1}},
         ],
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("content", "executions"), CASES.values(), ids=CASES)
@@ -126,3 +120,57 @@ def test_same_bytes_however_it_is_cut(content: Content, executions: list[Content
         for number, how in enumerate((ALONE, *executions))
     }
     assert len(digests) == 1
+
+
+def rings(**keys: Any) -> dict[str, Any]:
+    return {"radial_stagger": {"clearance": 13, "inner_radius": 50} | keys}
+
+
+@pytest.mark.parametrize(
+    ("layout", "axis"),
+    [
+        (rings(rings=2), ""),
+        (rings(rings=2, clearance={"start": 13, "stop": 14, "num": 10**6}), "clearance"),
+        (rings(heliostats={"start": 1, "stop": 10**6, "step": 1}), "heliostat_count"),
+    ],
+)
+def test_too_many_layouts_are_refused_at_once(small, layout, axis):
+    study = small(layout=layout, heliostat={"width": 5, "height": 5, "pivot_height": 4})
+    start = time.process_time()
+    if axis:
+        with pytest.raises(PlanError, match=f"layouts are more than .*; shrink '{axis}' first"):
+            api.plan(study)
+    else:
+        api.plan(study)
+    assert time.process_time() - start < 2
+
+
+#: Studies whose layout is replaced.
+LAYOUT_AXIS_CASES: dict[str, dict[str, Any]] = {
+    "field": {**SMALL, "output": {"field_geometry": True, "tracking_angles": True}},
+    "energy": {**SMALL, **BLOCKS, "limits": LIMITS}, "curves": CURVES, "errors of mounts": MOUNT_ERRORS,
+    "drawn errors": {**MOUNT_ERRORS, "mount_errors": {**ALL_DRAWN, "samples": 9, "seed": 7}},
+    "calibration": {**CALIBRATION, "calibration": {"parameters": 4, "noise": 0.01}}, "detectors": detectors.BASE,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("content", LAYOUT_AXIS_CASES.values(), ids=LAYOUT_AXIS_CASES)
+def test_a_layout_beside_a_longer_one_gives_what_it_gives_alone(content):
+    if content["family"] == "misalignment":
+        content = {**content, "heliostats": {"pivot_height": 5}, "receiver": {**content["receiver"], "tilt": -60}}
+
+    def result(count: Any) -> Any:
+        layout = rings(inner_radius=60, heliostats=count)
+        return api.build(api.load({**content, "layout": layout})).compute()
+
+    both, alone = result([3, 5]), result(3)
+    assert both.sizes["heliostat"] == 5
+    first = both.sel(heliostat_count=3)
+    for name, values in alone.data_vars.items():
+        here = first[name]
+        if "heliostat" in values.dims:
+            padding = here.isel(heliostat=slice(3, None))
+            missing = padding.isnull() if padding.dtype.kind in "fM" else padding <= 0
+            assert bool(missing.all()) or name == "true_error", name  # which is told of every number
+            here = here.isel(heliostat=slice(3))
+        np.testing.assert_array_equal(here, values, err_msg=str(name))

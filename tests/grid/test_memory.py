@@ -1,7 +1,5 @@
 """Peak memory of whole runs, each in a process of its own, beside what the plan says."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -1,16 +1,19 @@
 """The plan: cuts cover the grid, estimates follow the sizes, and what cannot fit is refused."""
 
-from __future__ import annotations
-
 import math
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import psutil
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from heliosweep.errors import PlanError, StudyError
 from heliosweep.files import human_bytes
+from heliosweep.grid import plan as machine
+from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.plan import (
     BASE_MEMORY,
     BLOCK_BYTES,
@@ -31,13 +34,10 @@ ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
 
 def workload(parameters: dict[str, int], heliostats: int = 300, times: int = 0, evaluations: int = 10**5) -> Workload:
     return Workload(
-        parameters=parameters,
-        inner={"time": times, "heliostat": heliostats} if times else {"heliostat": heliostats},
-        evaluations=evaluations,
-        unit="evaluations",
-        splittable="heliostat",
+        parameters=parameters, inner={"time": times, "heliostat": heliostats} if times else {"heliostat": heliostats},
+        evaluations=evaluations, unit="evaluations", splittable="heliostat",
         working_bytes=lambda points, length: 1000 * points * length,
-    )
+    )  # fmt: skip
 
 
 def planned(work: Workload, limits: Limits = ROOMY, chunks: dict[str, int] | None = None) -> Plan:
@@ -134,3 +134,54 @@ def test_words():
 def test_unknown_dimensions_in_chunks_are_named():
     with pytest.raises(StudyError, match=r"execution\.chunks\.lattitude: unknown dimension; did you mean 'latitude'"):
         planned(workload({"latitude": 3}), ROOMY, {"lattitude": 1})
+
+
+@pytest.fixture
+def groups(tmp_path, monkeypatch) -> Path:
+    """A machine with 8 GB of free memory and this process of 100 MB; returns the folder of control groups."""
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=8_000_000_000))
+    monkeypatch.setattr(psutil.Process, "memory_info", lambda self: SimpleNamespace(rss=100_000_000))
+    monkeypatch.setattr(machine, "_CGROUPS", tmp_path / "groups")
+    monkeypatch.setattr(machine, "_OWN_GROUP", tmp_path / "cgroup")
+    return tmp_path / "groups"
+
+
+def limit(folder: Path, size: str, used: int = 0, cached: int = 0) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    values = {"max": size, "current": used, "stat": f"anon 1\ninactive_file {cached}"}
+    for name, value in values.items():
+        (folder / f"memory.{name}").write_text(f"{value}\n")
+
+
+def memory(tmp_path: Path) -> int:
+    return machine.machine_limits(2, None, tmp_path).memory
+
+
+def test_the_tightest_control_group_counts_with_what_others_in_it_hold(groups, tmp_path):
+    (tmp_path / "cgroup").write_text("1:cpu:/old\n0::/outer/inner\n")
+    limit(groups / "outer" / "inner", "max")
+    assert memory(tmp_path) == 6_400_000_000
+    limit(groups / "outer", "2000000000", 900_000_000, 300_000_000)
+    assert memory(tmp_path) == int(0.8 * (2_000_000_000 - 900_000_000 + 300_000_000 + 100_000_000))
+
+
+def test_the_study_has_the_last_word(groups, tmp_path):
+    limits = machine.machine_limits(5, 10**10, tmp_path)
+    assert (limits.workers, limits.memory) == (5, 10**10)
+    assert machine.machine_limits(None, None, tmp_path).workers >= 1
+
+
+@pytest.mark.parametrize("name", ["a/b/c", "n" * 300, "nul\0"])
+def test_free_disk_of_the_nearest_parent_that_can_be_read(tmp_path, name):
+    assert machine.machine_limits(1, 1, tmp_path / name).disk > 0
+
+
+def test_suns_of_equal_azimuth_are_points_where_the_elevation_differs(small):
+    def study(azimuth, elevation):
+        time = {"clock": "sun", "azimuth": azimuth, "elevation": elevation}
+        return small(site=None, time=time, tracking="azimuth_elevation", zip=[["time.azimuth", "time.elevation"]])
+
+    grid = Parameters(study([120, 120, 240], [30, 50, 50]))
+    assert [values for _, values in grid.points("time.azimuth", "time.elevation")] == [(120, 30), (120, 50), (240, 50)]
+    with pytest.raises(StudyError, match=r"with the same time\.elevation"):
+        study([120, 240, 120], [30, 50, 30])

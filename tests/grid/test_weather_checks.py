@@ -1,7 +1,5 @@
 """What must hold between weather files, places and limits, located in the study file."""
 
-from __future__ import annotations
-
 import gzip
 import re
 from collections.abc import Callable

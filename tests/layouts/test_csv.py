@@ -1,16 +1,21 @@
 """Layouts as CSV: what is read, what comes back, and what each bad file is told."""
 
+import math
 import string
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
+from heliosweep import api
 from heliosweep.config import text_of
 from heliosweep.errors import StudyError
-from heliosweep.layouts import Layout, read_csv, write_csv
+from heliosweep.layouts import Layout, check_layout, read_csv, too_close, write_csv
+from heliosweep.layouts.layout import read_text
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 words = st.text(string.ascii_letters + string.punctuation + " ", max_size=20).map(lambda text: "w" + text.strip())
@@ -205,3 +210,199 @@ def test_labels_of_files_are_names_and_else_numbers():
     assert counted.matches(["0", "3"]).tolist() == [0, -1, 1]
     named = Layout(place, place, place, {"id": np.array([7, 8, 9]), "name": np.array(["a", "b", "c"])})
     assert named.matches(["c", "1", "8"]).tolist() == [-1, 1, 0]
+
+
+DATA = Path(__file__).parents[1] / "data" / "layouts"
+CORNERS: dict[str, Any] = {"clock": "sun", "azimuth": [120, 180], "elevation": [15, 60]}
+#: Field optical efficiency of the NSTTF, minimum and maximum [%]: exact cosine, shading and blocking of the positions
+#: alone, which a ray count over 120 heliostats confirms within 5e-4.
+NSTTF = (69.9608, 93.5509)
+
+
+def efficiencies(**blocks: Any) -> tuple[float, float]:
+    """Return the minimum and maximum of the field's optical efficiency. [%]"""
+    study = api.load({"family": "field_efficiency", "tracking": "azimuth_elevation", "time": CORNERS, **blocks})
+    values = 100 * api.build(study)["field_optical_efficiency"].compute()
+    return float(values.min()), float(values.max())
+
+
+def test_the_table_of_opencsp():
+    layout = read_csv(DATA / "opencsp_nsttf.csv")
+    assert len(layout) == 218
+    assert (layout.x[0], layout.y[0], layout.z[0], layout.columns["name"][0]) == (92.61, 57.92, 5.45, "5E10")
+    assert layout.labels == (
+        "num_facets", "num_rows", "num_cols", "layout_pivot_height", "pivot_offset", "facet_width", "facet_height",
+    )  # fmt: skip
+    mirrors = {"heliostat": {"width": 6.1, "height": 6.1, "pivot_height": 0}, "receiver": {"height": 62}}
+    file = {"file": str(DATA / "opencsp_nsttf.csv")}
+    assert efficiencies(layout=file, **mirrors) == pytest.approx(NSTTF, abs=1e-4)
+
+
+def test_the_parametric_export_of_solarpilot():
+    layout = read_csv(DATA / "solarpilot_parametric.csv")
+    assert (layout.x.tolist(), layout.y.tolist()) == ([-30, 0, 30], [80, 80, 80])
+    mirrors = {"heliostat": {"width": 6, "height": 6, "pivot_height": 3}, "receiver": {"height": 90}}
+    found = efficiencies(layout={"file": str(DATA / "solarpilot_parametric.csv")}, **mirrors)
+    assert found == pytest.approx((86.66, 98.89), abs=0.006)  # of the table alone, without the parameters before it
+
+
+def test_every_mirror_has_its_own_height():
+    layout = read_csv(DATA / "own_heights.csv")
+    assert set(layout.values("pivot_height")) == {3, 4.5, 6}
+    time = {"time": {"clock": "sun", "azimuth": [120, 180], "elevation": [15, 50]}, "receiver": {"height": 84}}
+    file = {"file": str(DATA / "own_heights.csv")}
+    assert efficiencies(layout=file, heliostat={}, **time) == pytest.approx((67.9577, 76.8982), abs=1e-4)
+    study = api.load({"family": "field_efficiency", "tracking": "azimuth_elevation", "layout": file,
+                      "heliostat": {"pivot_height": 4}, **time})  # fmt: skip
+    (note,) = study.notes()
+    assert note.endswith("the column pivot_height is not used: 'heliostat.pivot_height' applies to all heliostats: "
+                         "remove it to use the column")  # fmt: skip
+
+
+#: Traced with 1e6 rays of an independent program: intercept of a cylinder at the file's focal lengths, 300 m and 80 m.
+FOCAL = {None: ([0.7713, 0.3573], 5e-4), "slant": ([0.9984, 0.9797], 4e-4)}
+
+
+@pytest.mark.parametrize("focus", [None, "slant"])
+def test_focal_lengths_of_single_heliostats(focus):
+    study = api.load({
+        "family": "field_efficiency", "tracking": "azimuth_elevation",
+        "time": {"clock": "sun", "azimuth": 180, "elevation": 45},
+        "layout": {"file": str(DATA / "solarpilot_focal.csv")},
+        "heliostat": {"width": 6, "height": 6, "pivot_height": 3, **({} if focus is None else {"focus": focus})},
+        "receiver": {"kind": "cylinder", "height": 50, "radius": 1.5, "height_extent": 3},
+        "optics": {"sun_shape": {"kind": "pillbox"}, "slope_error": 1},
+    })  # fmt: skip
+    expected, error = FOCAL[focus]
+    found = api.build(study)["intercept_efficiency"].to_numpy().ravel()
+    np.testing.assert_allclose(found, expected, atol=3 * error)
+    assert any("focal_x, focal_y are not used" in note for note in study.notes()) == (focus == "slant")
+
+
+def test_properties_reach_the_result():
+    layout = read_csv(DATA / "properties.csv")
+    optics = {"sun_shape": {"kind": "pillbox"}}
+    blocks: dict[str, Any] = {
+        "family": "field_efficiency", "tracking": "azimuth_elevation",
+        "time": {"clock": "sun", "azimuth": 180, "elevation": 50},
+        "heliostat": {"width": 6, "height": 6, "pivot_height": 4},
+        "receiver": {"kind": "cylinder", "height": 84, "radius": 1.5, "height_extent": 3},
+    }  # fmt: skip
+    own = api.load({**blocks, "layout": {"file": str(DATA / "properties.csv")}, "optics": optics})
+    result = api.build(own).compute()
+    notes = list(own.notes())
+    labels = "focal_length, layout_canting, layout_tracking, zone"
+    assert notes[0].endswith(f"results do not depend on the columns {labels}, which are labels")
+    assert len(notes) == 3
+    assert notes[1].endswith("the column availability is not used: 'availability' is not set")
+    assert "aim_x, aim_y, aim_z" in notes[2]
+    for slope, reflectivity, focus in ((1.0, 0.9, 100.0), (5.0, 0.1, 50.0)):
+        same = api.load({
+            **blocks, "layout": {"x": layout.x, "y": layout.y},
+            "heliostat": {**blocks["heliostat"], "focus": focus},
+            "optics": {**optics, "slope_error": slope, "reflectivity": reflectivity, "cleanliness": 0.5},
+        })  # fmt: skip
+        rows = np.flatnonzero(layout.columns["slope_error"] == slope)
+        alone = api.build(same).compute()
+        for name in ("intercept_efficiency", "total_efficiency"):
+            found, wanted = (one[name].to_numpy().ravel()[rows] for one in (result, alone))
+            np.testing.assert_allclose(found, wanted, atol=0.012, rtol=0.01, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Ost;Nord\n0;100\n50,5;100\n",
+        "Este,Norte\n0,100\n50.5,100\n",
+        "# x y z\n0.0 100.0 0.0\n50.5 100.0 0.0\n",  # numpy.savetxt(..., header="x y z")
+        "# x,y\r\n0.0,100.0\r\n50.5,100.0\r\n",
+        "# x and y in metres\nx,y\n0.0,100.0\n50.5,100.0\n",
+    ],
+)
+def test_titles_of_other_languages_and_of_numpy(text):
+    layout = read_text(text, "field.csv")
+    assert layout.x.tolist() == [0.0, 50.5]
+    assert layout.y.tolist() == [100.0, 100.0]
+
+
+def at(*places: tuple[float, ...], lines: list[int] | None = None) -> Layout:
+    """Return a layout of a few heliostats."""
+    x, y, z = np.array([(*place, 0.0)[:3] for place in places]).T
+    return Layout(x, y, z, name="field.csv", lines=None if lines is None else np.array(lines))
+
+
+def messages(layout: Layout, width: ArrayLike = 10, height: ArrayLike = 10) -> tuple[list[str], list[str]]:
+    problems, warnings = check_layout(layout, width, height)
+    return [str(problem) for problem in problems], [str(warning) for warning in warnings]
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    seed=st.integers(0, 2**32 - 1), count=st.one_of(st.integers(2, 400), st.integers(500, 600)),
+    size=st.sampled_from([1, 10, 100, 1e6]), limit=st.floats(1e-3, 20), flat=st.booleans(),
+)  # fmt: skip
+def test_pairs_against_a_tree(seed, count, size, limit, flat):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-size, size, (count, 3)) * [1, 1, 0 if flat else 1]
+    pairs = too_close(points[:, 0], points[:, 1], points[:, 2], limit)
+
+    apart = np.sqrt(((points[:, None] - points) ** 2).sum(axis=-1))
+    low, high = np.nonzero(np.triu(apart < limit, 1))
+    assert [gap for *_, gap in pairs] == sorted(gap for *_, gap in pairs)
+    for first, second, gap in pairs:
+        assert first < second
+        assert gap == pytest.approx(math.dist(points[first], points[second]), rel=1e-12)
+    np.fill_diagonal(apart, np.inf)
+    assert {row for pair in pairs for row in pair[:2]} == set(np.flatnonzero((apart < limit).any(axis=1)))
+    if (apart < limit).sum(axis=1).max() < 8:
+        assert {pair[:2] for pair in pairs} == set(zip(low.tolist(), high.tolist(), strict=True))
+
+
+def test_duplicates_name_the_rows():
+    problems, warnings = messages(at((0, 50), (20, 50), (0, 50), (0, 50), lines=[2, 3, 4, 7]))
+    assert problems == [
+        "field.csv:4: heliostat 2 has the position of heliostat 0 (line 2)",
+        "field.csv:7: heliostat 3 has the position of heliostat 0 (line 2)",
+    ]
+    assert warnings == []
+    assert messages(at((0, 50), (0, 50, 12)))[0] == []
+
+
+def test_colliding_mirrors_name_the_rows():
+    problems, warnings = messages(at((0, 50), (9, 50), (40, 50), lines=[2, 3, 5]), width=12, height=10)
+    assert problems == [
+        "field.csv:3: heliostat 1 is 9 m from heliostat 0 (line 2), less than the shorter side of the "
+        "mirrors, 10 m: they collide"
+    ]
+    assert warnings == []
+
+
+def test_mirrors_of_unequal_size():
+    layout, sides = at((0, 50), (9, 50), (9, 57)), np.array([12, 4, 4])
+    problems, (warning,) = messages(layout, sides, sides)
+    assert problems == []
+    assert warning.endswith("heliostat 0 and heliostat 1, 9 m apart, with a diagonal of 11.3137 m")
+    sides = np.array([12, 8, 2])
+    (problem,), _ = messages(layout, sides, sides)
+    assert problem == (
+        "field.csv: heliostat 1 is 9 m from heliostat 0, less than the shorter side of the mirrors, 10 m: they collide"
+    )
+
+
+def test_below_the_diagonal_is_one_warning():
+    problems, (warning,) = messages(at((0, 50), (12, 50), (40, 50), (40, 63), lines=[2, 3, 4, 5]))
+    assert problems == []
+    assert warning.startswith("field.csv: 2 pairs of neighbours are closer than the diagonal of the mirrors")
+    assert warning.endswith("heliostat 0 (line 2) and heliostat 1 (line 3), 12 m apart, with a diagonal of 14.1421 m")
+    assert messages(at((0, 50), (10, 50)))[0] == []  # one shorter side apart: a warning, not an error
+
+
+def test_a_heliostat_at_the_foot_of_the_tower_is_no_error():
+    assert messages(at((0, 0), (30, 0))) == ([], [])
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -4.1e6])
+def test_coordinates_off_any_field(value):
+    problems, _ = messages(at((0, 50), (20, value)))
+    assert len(problems) == 1
+    assert problems[0].startswith("field.csv: heliostat 1 is beyond any field: x, y and z must be metres")

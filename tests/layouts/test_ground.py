@@ -1,7 +1,5 @@
 """Where heliostats may stand: sectors, polygons in both forms, and heights of the ground."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Folders of PAINT: places on the Earth, facets, targets, and what each bad file is told."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -115,15 +113,10 @@ def test_command_and_study(tmp_path, monkeypatch, capsys):
     Path("study.yaml").write_text("\n".join([rest, *blocks]))
     assert main(["validate", "study.yaml"]) == 0
     made = study(
-        "field_efficiency",
-        site=plant.site,
-        tracking="azimuth_elevation",
-        time={"clock": "solar", "days": [80], "hours": [12]},
-        layout={"file": "juelich.csv"},
-        heliostat=plant.heliostat,
-        receiver=plant.receiver,
-        optics={"sun_shape": {"kind": "pillbox"}, "slope_error": 1},
-    )
+        "field_efficiency", site=plant.site, tracking="azimuth_elevation",
+        time={"clock": "solar", "days": [80], "hours": [12]}, layout={"file": "juelich.csv"}, heliostat=plant.heliostat,
+        receiver=plant.receiver, optics={"sun_shape": {"kind": "pillbox"}, "slope_error": 1},
+    )  # fmt: skip
     assert made.study_id in capsys.readouterr().out
     assert main(["convert", str(SAMPLE), "pilot.csv", "--to", "solarpilot", "--aim", "multi_focus_tower"]) == 0
     assert len(read_layout("pilot.csv")) == 3
@@ -144,11 +137,7 @@ def test_folders_that_are_none(folder, tmp_path):
     ("keys", "value", "said"),
     [
         (("heliostat_position", 0), 95.0, "3:5: heliostat_position[0]: must be between -90 and 90 deg (got 95.0)"),
-        (
-            ("heliostat_position", 2),
-            True,
-            "heliostat_position[2]: must be a length in m",
-        ),
+        (("heliostat_position", 2), True, "heliostat_position[2]: must be a length in m"),
         (("heliostat_position", 1), 7.9, "106 km from the tower"),
         (("width",), float("nan"), "width: must be a length in m, a number or text such as '1.5 m' (got 'NaN')"),
         (("height",), "2.5", "height: must be a number without quotes"),

@@ -233,12 +233,10 @@ AA39_SPOTS = [(0.0359, -1.2700), (-18.162, -17.067), (-0.4686, -0.6480)]
 @pytest.mark.parametrize(
     "form",
     [
-        "AA39-calibration-properties_{}.json",
-        "AA39-{}-calibration-properties.json",
-        "{}-calibration-properties.json",
+        "AA39-calibration-properties_{}.json", "AA39-{}-calibration-properties.json", "{}-calibration-properties.json",
         "AA39/Calibration/{}-calibration-properties.json",
     ],
-)
+)  # fmt: skip
 def test_one_folder_and_the_names_of_artist(tmp_path, form):
     shutil.copy(SAMPLE / "tower-measurements.json", tmp_path)
     shutil.copy(SAMPLE / "AA39" / "heliostat-properties.json", tmp_path / "AA39-heliostat-properties.json")

@@ -12,8 +12,10 @@ from scipy.spatial import KDTree
 
 from heliosweep.config.layouts import Zone
 from heliosweep.errors import StudyError
+from heliosweep.kernels.field import efficiency, packets
 from heliosweep.layouts import Layout, radial_stagger, read_csv
-from heliosweep.layouts.patterns import rows, spiral
+from heliosweep.layouts.ground import Region
+from heliosweep.layouts.patterns import Spacing, delsol_azimuthal, delsol_radial, no_blocking_radius, rows, spiral
 
 CHONG = Path(__file__).parents[2] / "studies" / "layouts" / "chong2012.csv"
 
@@ -98,3 +100,120 @@ def test_impossible_parameters_of_generators(make, key, words):
     (problem,) = caught.value.problems
     assert problem.key == key
     assert words in problem.message
+
+
+def test_the_spiral_of_the_paper():
+    # Noone, Torrilhon and Mitsos 2012: theta = 2 pi k / phi^2 and r = a k^b; near their optimum for PS10, a = 4.5 and
+    # b = 0.65. The golden angle is 137.507764 deg; the others are its multiples.
+    layout = spiral(4.5, 0.65, 0.0, heliostats=100)
+    assert layout.columns["turn"].tolist() == list(range(1, 101))
+    radius, azimuth = np.hypot(layout.x, layout.y), np.degrees(np.arctan2(layout.x, layout.y)) % 360
+    picked = [0, 1, 9, 99]
+    np.testing.assert_allclose(azimuth[picked], [137.507764, 275.015528, 295.077641, 70.776405], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(radius[picked], [4.5, 7.061257, 20.100762, 89.786804], rtol=0, atol=1e-6)
+
+
+@settings(max_examples=30)
+@given(
+    b=st.floats(0.4, 0.8), inner=st.floats(0, 80), number=st.integers(1, 400), width=st.floats(5, 360),
+    middle=st.floats(-360, 360),
+)  # fmt: skip
+def test_a_spiral_has_the_first_heliostats_with_room(b, inner, number, width, middle):
+    region = Region(((middle, width),))
+    layout = spiral(5.0, b, inner, number, region)
+    assert len(layout) == number
+    last = int(layout.columns["turn"][-1])
+    whole = spiral(5.0, b, 0.0, last)
+    there = region.inside(whole.x, whole.y) & (np.hypot(whole.x, whole.y) >= inner)
+    np.testing.assert_array_equal(layout.columns["turn"], whole.columns["turn"][there])
+    np.testing.assert_array_equal(layout.x, whole.x[there])
+
+
+@pytest.mark.parametrize(("pattern", "least"), [("straight", 12.0), ("staggered", 12.0)])
+def test_rows(pattern, least):
+    layout = rows(15.0, 12.0, 30.0, pattern=pattern, heliostats=300)
+    row, x = layout.columns["row"], layout.x
+    np.testing.assert_allclose(layout.y, 12.0 * row, atol=1e-12)
+    offset = 7.5 * (row % 2) if pattern == "staggered" else 0.0
+    np.testing.assert_allclose((x - offset) % 15.0 % 15.0, 0.0, atol=1e-9)
+    points = np.column_stack([layout.x, layout.y])
+    apart = KDTree(points).query(points, k=2)[0][:, 1].min()
+    assert apart == pytest.approx(math.hypot(7.5, 12) if pattern == "staggered" else least)
+
+
+@settings(max_examples=30)
+@given(
+    spacing=st.floats(3, 30), distance=st.floats(3, 30), inner=st.floats(0, 100), azimuth=st.floats(-360, 360),
+    pattern=st.sampled_from(["straight", "staggered"]), number=st.integers(1, 500), width=st.floats(20, 360),
+)  # fmt: skip
+def test_rows_have_the_nearest_heliostats_with_room(spacing, distance, inner, azimuth, pattern, number, width):
+    region = Region(((10.0, width),))
+    layout = rows(spacing, distance, inner, azimuth, pattern, number, region)
+    more = rows(spacing, distance, inner, azimuth, pattern, number + 50, region)
+    assert len(layout) == number
+    assert region.inside(layout.x, layout.y).all()
+    far, there = np.hypot(layout.x, layout.y), set(zip(layout.x.tolist(), layout.y.tolist(), strict=True))
+    assert far.min() >= inner
+    left_out = [
+        math.hypot(*place) for place in zip(more.x.tolist(), more.y.tolist(), strict=True) if place not in there
+    ]
+    assert len(left_out) == 50
+    assert min(left_out) >= far.max() - 1e-8
+
+
+def test_rows_turn_with_their_azimuth():
+    north, east = (rows(15.0, 12.0, 0.0, azimuth, heliostats=200) for azimuth in (0.0, 90.0))
+    np.testing.assert_allclose(east.x, north.y, atol=1e-9)
+    np.testing.assert_allclose(east.y, -north.x, atol=1e-9)
+
+
+def test_delsol_as_published():
+    # Kistler 1986, as SolarPILOT has it from the code of DELSOL3; texts print it with four digits.
+    for t in np.linspace(0.1, 1.4, 14):
+        assert delsol_radial(t, 1.0) == pytest.approx(1.144 / math.tan(t) - 1.094 + 3.068 * t - 1.1256 * t**2, abs=4e-3)
+        assert delsol_azimuthal(t, 10.0) == pytest.approx(10 * (1.749 + 0.6396 * t) + 0.2873 / (t - 0.04902), abs=1e-2)
+    assert delsol_radial(0.5, 1.0) == pytest.approx(2.253786, abs=1e-6)
+    assert delsol_azimuthal(0.5, 1.0) == pytest.approx(2.132606, abs=1e-6)
+
+
+def test_no_blocking_is_just_met():
+    """Two mirrors on one azimuth with the sun behind the tower, seen from the farther one at the same elevation."""
+    receiver, side, near = 80.0, 8.0, 150.0
+    for far, blocked in ((no_blocking_radius(near, receiver, side), False), (None, True)):
+        radius = 0.98 * no_blocking_radius(near, receiver, side) + 0.02 * near if far is None else far
+        y = np.array([near, radius])
+        sun = np.array([[0.0, -radius, receiver]]) / math.hypot(radius, receiver)
+        half, ground = np.full(2, side / 2), np.zeros(2)
+        field = efficiency.sorted_field(ground, y, ground, half, half, receiver)
+        values = efficiency.field_series(field, packets.AZIMUTH_ELEVATION, sun, 0, 2)
+        blocking = values[2][0, 1]
+        assert (blocking < 1) == blocked
+
+
+@settings(max_examples=30)
+@given(
+    rule=st.sampled_from(["delsol", "no_blocking"]), clearance=st.floats(0.2, 30), inner=st.floats(0.6, 3),
+    height=st.floats(2, 14), width=st.floats(2, 14), rings=st.integers(2, 30),
+)  # fmt: skip
+def test_rings_keep_clearance_and_spacing(rule, clearance, inner, height, width, rings):
+    receiver = 100.0
+    spacing = Spacing(rule, receiver, width, height)
+    start = max(inner * receiver, clearance)
+    layout = radial_stagger(clearance, start, rings=rings, spacing=spacing)
+    points = np.column_stack([layout.x, layout.y])
+    assert KDTree(points).query(points, k=2)[0][:, 1].min() >= clearance * (1 - 1e-9)
+    ring = layout.columns["ring"]
+    radius = np.array([np.hypot(*points[ring == number].T).mean() for number in np.unique(ring)])
+    steps = np.array([spacing.step(one) for one in radius])
+    assert (np.diff(radius) >= steps[:-1] * (1 - 1e-9)).all()
+    if rule == "no_blocking":  # two rings on, on the same azimuth where the zone is the same
+        free = np.array([no_blocking_radius(one, receiver, height) for one in radius])
+        assert (radius[2:] >= free[:-2] * (1 - 1e-9)).all()
+    else:
+        for number in np.unique(ring):
+            azimuth = np.sort(layout.columns["azimuth"][ring == number])
+            zone = radius[radius >= 0.7 * radius[number - 1]]  # the ring in which its zone begins is one of these
+            least = min(delsol_azimuthal(spacing.elevation(one), width) for one in zone[zone <= radius[number - 1]])
+            if azimuth.size > 2:
+                chord = 2 * radius[number - 1] * math.sin(math.radians(np.diff(azimuth).min()) / 2)
+                assert chord >= least * (1 - 1e-6)

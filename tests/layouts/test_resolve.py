@@ -1,7 +1,5 @@
 """The layouts that a study names: swept keys of generators and of the ground, spacings that follow the plant."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

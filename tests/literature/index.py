@@ -3,8 +3,6 @@
 ``make index`` writes computed values and verdicts of the tables from the results in ``outputs/``, and the index.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -6,8 +6,6 @@ by what Table 2 and the text on Figures 5 and 7 to 10 say of 21 June. ``python -
 prints the result of all, as studies/README.md tells it.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from functools import cache
@@ -19,13 +17,10 @@ from heliosweep.sun import sun_vectors
 
 #: Latitude and longitude [deg], and mean and standard deviation of Table 2.
 TABLE = {
-    "Dunhuang": (40.13, 94.67, 0.57234, 0.04874),
-    "Naqu": (31.29, 92.04, 0.5868, 0.04935),
-    "Delingha": (37.22, 97.23, 0.56715, 0.05539),
-    "Kunming": (25.0, 102.39, 0.58612, 0.06537),
-    "Baotou": (40.32, 109.53, 0.53792, 0.07072),
-    "Haerbin": (45.42, 125.15, 0.49776, 0.08238),
-}
+    "Dunhuang": (40.13, 94.67, 0.57234, 0.04874), "Naqu": (31.29, 92.04, 0.5868, 0.04935),
+    "Delingha": (37.22, 97.23, 0.56715, 0.05539), "Kunming": (25.0, 102.39, 0.58612, 0.06537),
+    "Baotou": (40.32, 109.53, 0.53792, 0.07072), "Haerbin": (45.42, 125.15, 0.49776, 0.08238),
+}  # fmt: skip
 PLACES = {place: row[:2] for place, row in TABLE.items()}
 MEAN, STD = ({place: row[part] for place, row in TABLE.items()} for part in (2, 3))
 EAST = ("Baotou", "Haerbin")
@@ -35,21 +30,16 @@ OFFSETS = (0.2, -0.2, 0.4, -0.4)
 #: What the mount does without an offset; the first of each is the model `untilted_home_axes`.
 CHOICES = {
     "leans": ("azimuth axis", "azimuth and elevation axes", "azimuth and focal axes", "whole mount"),
-    "towards": ("foot", "top"),
-    "phi": ("to the west", "to the east"),
-    "psi": ("from east", "from south"),
+    "towards": ("foot", "top"), "phi": ("to the west", "to the east"), "psi": ("from east", "from south"),
     "raised about": ("axis turned about the leaning axis", "axis turned about the vertical"),
-    "axis": ("unit vector", "Eq. 4, arccos"),
-    "error": ("angle", "sum of two components"),
+    "axis": ("unit vector", "Eq. 4, arccos"), "error": ("angle", "sum of two components"),
     "hours": ("7 to 21", "sun up", "8 to 18"),
-}
+}  # fmt: skip
 #: What an offset does, and what is taken of the directions.
 OFFSET_CHOICES: dict[str, Any] = {
-    "carried by": ("focal axis", "focal and elevation axis", "elevation axis"),
-    "gamma1": (1.0, -1.0),
-    "gamma2": (1.0, -1.0),
-    "mean over": ("all directions", "0 to 165 deg"),
-}
+    "carried by": ("focal axis", "focal and elevation axis", "elevation axis"), "gamma1": (1.0, -1.0),
+    "gamma2": (1.0, -1.0), "mean over": ("all directions", "0 to 165 deg"),
+}  # fmt: skip
 
 
 def turned(v, n, angle):

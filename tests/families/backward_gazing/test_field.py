@@ -1,7 +1,5 @@
 """Fields of heliostats: each scene is that of a single heliostat, and what becomes of those without sun or sight."""
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 
@@ -15,14 +13,10 @@ from heliosweep.kernels.sun import declination_cooper, solar_clock
 
 LAYOUT = "x,y,z,row\n0,150,0,1\n-40,140,1,1\n120,90,0,2\n20,-130,0,3\n"
 SMALL: dict[str, Any] = {
-    "family": "backward_gazing",
-    "heliostat": {"pixel": 0.3},
-    "cameras": {"radius": 0.3},
-    "defects": {"canting": {"2": [0, -1]}, "waviness": 0.1},
-    "method": ["A", "LM"],
-    "referential": ["none", "exact"],
+    "family": "backward_gazing", "heliostat": {"pixel": 0.3}, "cameras": {"radius": 0.3},
+    "defects": {"canting": {"2": [0, -1]}, "waviness": 0.1}, "method": ["A", "LM"], "referential": ["none", "exact"],
     "erosion": 1,
-}
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -32,14 +26,9 @@ def make(tmp_path):
 
     def study(field: dict[str, Any] | None = None, **blocks: Any) -> Any:
         own = {
-            "latitude": 37.4,
-            "day": 81,
-            "hours": [10, 12, 19],
-            "layout": {"file": str(path)},
-            "receiver_height": 95,
-            "pivot_height": 7,
-            **(field or {}),
-        }
+            "latitude": 37.4, "day": 81, "hours": [10, 12, 19], "layout": {"file": str(path)}, "receiver_height": 95,
+            "pivot_height": 7, **(field or {}),
+        }  # fmt: skip
         return api.load({**copy.deepcopy(SMALL), "field": own, **blocks})
 
     return study

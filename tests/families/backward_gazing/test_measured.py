@@ -25,24 +25,31 @@ SHIPPED = STUDIES / "gazing_measured.yaml"
 LM = {"slope_method": "LM", "referential": "exact"}
 
 
+PROFILE = str(STUDIES / "images" / "sun_profile.csv")
+#: In the study instead of the metadata.
+GEOMETRY = {
+    "heliostat": {"focal_length": 120, "distance": 120, "pixel": 0.05}, "target": {"azimuth": 0, "elevation": 44},
+    "sun": {"azimuth": 30, "elevation": 60, "profile": PROFILE},
+}  # fmt: skip
+
+
 def content(folder, names=None, **blocks):
     """The shipped study with files of a folder; None removes a block."""
     names = [f"{folder / name}.png" for name in made.NAMES] if names is None else names
     study = {
-        "family": "backward_gazing",
-        "mode": "measured",
-        "heliostat": {"focal_length": 120, "pixel": 0.05},
-        "images": [str(name) for name in names],
-        "sun": {"profile": str(STUDIES / "images" / "sun_profile.csv")},
-        "sun_profile": "table",
-        "method": ["LM"],
-        "referential": ["exact"],
-    }
+        "family": "backward_gazing", "mode": "measured", "heliostat": {"focal_length": 120, "pixel": 0.05},
+        "images": [str(name) for name in names], "sun": {"profile": PROFILE}, "sun_profile": "table",
+        "method": ["LM"], "referential": ["exact"],
+    }  # fmt: skip
     return {key: value for key, value in {**study, **blocks}.items() if value is not None}
 
 
 def result_of(study):
     return heliosweep.build(heliosweep.load(study)).load()
+
+
+def notes_of(study):
+    return heliosweep.load(study).notes()
 
 
 def problems_of(study):
@@ -131,48 +138,31 @@ def test_shipped_modules_are_those_planted(shipped, truth):
 def test_shipped_result_says_how_it_was_made(shipped):
     assert float(shipped["pixel_noise"]) == pytest.approx(made.NOISE, rel=0.03)
     assert shipped.attrs["white_levels"] == "metadata metadata metadata metadata"
-    assert shipped.attrs["rectification"] == "pinhole"
-    assert shipped.attrs["gain_of_each_pixel"] == "1"
-    assert float(shipped["sun_azimuth"]) == 30.0
-    assert float(shipped["sun_world_azimuth"]) == 150.0
-    assert float(shipped["distance"]) == 120.0
+    assert (shipped.attrs["rectification"], shipped.attrs["gain_of_each_pixel"]) == ("pinhole", "1")
+    numbers = [float(shipped[name]) for name in ("sun_azimuth", "sun_world_azimuth", "distance")]
+    assert numbers == [30.0, 150.0, 120.0]
     np.testing.assert_array_equal(shipped["white_level"], made.DARK + made.WHITE)
     assert np.all(shipped["lit_fraction"] > 0.97)
     assert np.all(shipped["saturated_fraction"] == 0.0)
-    assert np.all(shipped["usable_fraction"] > 0.9)
-    quality = shipped["quality"].sel(slope_method="LM").to_numpy()
     used = shipped["mask"].to_numpy() == 3
-    assert np.mean(quality[used] == 0) > 0.95
+    assert np.mean(shipped["quality"].sel(slope_method="LM").to_numpy()[used] == 0) > 0.95
     residual = shipped["residual_rms"].sel(LM).to_numpy()[used]
     assert np.nanmean(residual**2) == pytest.approx(0.5 * 0.66 * made.NOISE**2, rel=0.2)  # 2 of 4 are free
     assert list(remarks(shipped)) == []
-    simulated = {"camera_noise", "camera_gain_noise", "gain_error", "canting_scale", "waviness"}
-    assert not simulated & set(shipped.coords)
-    assert {"threshold", "profile_error", "distance"} <= set(shipped.coords)
 
 
 def test_corners_marked_in_images_put_these_on_the_mirror(tmp_path, levels, shipped):
     """Without metadata: geometry and levels in the study, corners of the heliostat in the images."""
-    names = [tmp_path / f"{number}.npy" for number in range(4)]
-    for name, image in zip(names, levels, strict=True):
-        np.save(name, image.astype(np.uint16))
     cameras = pinholes(made.layout(), made.SHAPE, made.FOCAL, roll=np.radians(made.ROLLS))
-    ends = outline(themis_8())
-    marked = places_of(cameras, 120.0, ends.T)
-    images = [
-        {"file": str(name), "corners": np.round(marked[i].T, 2).tolist()} for i, name in enumerate(names)
-    ]  # fmt: skip
-    found = result_of(
-        content(
-            tmp_path,
-            images=images,
-            heliostat={"focal_length": 120, "distance": 120, "pixel": 0.05},
-            sun={"azimuth": 30, "elevation": 60, "profile": str(STUDIES / "images" / "sun_profile.csv")},
-            target={"azimuth": 0, "elevation": 44},
-            image_geometry={"dark": made.DARK, "white": made.DARK + float(made.WHITE.mean()), "saturation": 4095},
-            fit_gain=True,
-        )
-    )
+    marked, images = places_of(cameras, 120.0, outline(themis_8()).T), []
+    for number, image in enumerate(levels):
+        np.save(tmp_path / f"{number}.npy", image.astype(np.uint16))
+        images.append({"file": str(tmp_path / f"{number}.npy"), "corners": np.round(marked[number].T, 2).tolist()})
+    white = made.DARK + float(made.WHITE.mean())
+    found = result_of(content(
+        tmp_path, **GEOMETRY, images=images, fit_gain=True,
+        image_geometry={"dark": made.DARK, "white": white, "saturation": 4095},
+    ))  # fmt: skip
     assert found.attrs["rectification"] == "corners"
     # One level of white for four sensors, whose own are up to 2 % apart: slopes are off by some tenths of a mrad.
     difference = (found["slope_x"].sel(LM) - shipped["slope_x"].sel(LM)).to_numpy()
@@ -244,38 +234,23 @@ def test_images_on_the_grid_of_the_mirror(tmp_path, truth):
     for number, image in enumerate(maps(truth.grid, truth.images)):
         names.append(tmp_path / f"{number}.npy")
         np.save(names[-1], np.nan_to_num(image[::-1]))
-    geometry = {
-        "heliostat": {"focal_length": 120, "distance": 120, "pixel": 0.05},
-        "sun": {"azimuth": 30, "elevation": 60},
-        "target": {"azimuth": 0, "elevation": 44},
-        "sun_profile": None,
-    }
-    found = result_of(content(tmp_path, names, image_geometry={"white": 1.0}, **geometry))
+    sunless = {**GEOMETRY, "sun": {"azimuth": 30, "elevation": 60}, "sun_profile": None}
+    found = result_of(content(tmp_path, names, image_geometry={"white": 1.0}, **sunless))
     assert found.attrs["rectification"] == "none"
     for direction in "xy":
         error, _ = errors(found, truth, direction)
         assert np.percentile(np.abs(error), 99) < 1e-3  # a surface that is 1 mm off is seen from elsewhere
         assert error.size > 0.99 * np.count_nonzero(found["mask"] > 1)
-    said = problems_of(
-        content(
-            tmp_path,
-            names,
-            image_geometry={"rectified": True},
-            **{**geometry, "heliostat": {"distance": 120, "pixel": 0.1}},
-        )
-    )
+    coarse = sunless | {"heliostat": {"distance": 120, "pixel": 0.1}}
+    said = problems_of(content(tmp_path, names, image_geometry={"rectified": True}, **coarse))
     assert "145 x 147 pixels, but the mirror has 73 x 74" in said
 
 
 def test_the_sun_may_be_an_image(write, truth):
     study = write(sun={"image": str(STUDIES / "images" / "sun.png")})
-    assert any("lowest decreasing curve" in note for note in _notes(study))
+    assert any("lowest decreasing curve" in note for note in notes_of(study))
     error, uncertainty = errors(result_of(study), truth, "y")
     assert np.sqrt(np.mean(error**2)) < 1.1 * np.sqrt(np.mean(uncertainty**2))
-
-
-def _notes(study):
-    return heliosweep.load(study).notes()
 
 
 def test_without_a_level_of_white_gains_are_fitted(write, truth):
@@ -299,7 +274,7 @@ def test_saturated_parts_are_masked_and_said(write, truth):
         return image
 
     study = write(glare)
-    assert any("upper_right.png" in note and "saturated" in note for note in _notes(study))
+    assert any("upper_right.png" in note and "saturated" in note for note in notes_of(study))
     result = result_of(study)
     flagged = (result["quality"].sel(slope_method="LM").to_numpy() & 16) > 0
     assert 500 < flagged.sum() < 4000
@@ -312,67 +287,56 @@ def test_saturated_parts_are_masked_and_said(write, truth):
     assert any("image 2" in remark and "saturated" in remark for remark in remarks(result))
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda image, number: 64.0 + 0.1 * (image - 64.0) if number > 1 else image, "are dark"),
-        (lambda image, number: np.full_like(image, 64.0) if number == 1 else image, "same level everywhere"),
-        (lambda image, number: np.where(image > 1000.0, 4095.0, image) if number == 3 else image, "are saturated"),
-        (lambda image, number: image[:-4] if number == 2 else image, "176 x 172 pixels, but others have 176 x 176"),
-        (lambda image, number: image[:-4] if number == 0 else image, "images[0]: "),  # the odd one
-    ],
-)
-def test_images_that_cannot_be_used(write, change, words):
-    said = problems_of(write(change))
-    assert words in said
-    assert "images" in said
+def without(*keys, camera=None):
+    """Metadata without keys, of one camera or of all."""
+    return lambda said, n: {key: said[key] for key in said if camera not in (None, n) or key not in keys}
 
 
-def test_geometry_that_is_missing_or_contradictory(write):
-    def without(*keys):
-        return lambda said, _: {key: value for key, value in said.items() if key not in keys}
+def level(value, camera):
+    """Images of which some have another level."""
+    return {"change": lambda image, n: value(image) if n in camera else image}
 
-    assert "SUNAZ" in problems_of(write(say=without("SUNAZ")))
-    assert "mark its 'corners', give FOCALPIX" in problems_of(
-        write(
-            say=lambda said, n: without("FOCALPIX")(said, n) if n == 1 else said, image_geometry={"registration": False}
-        )
-    )
-    assert "in another image" in problems_of(write(say=lambda said, n: {**said, "SUNEL": 60.0 + n}))
-    assert "for 3 images of 4" in problems_of(
-        write(say=lambda said, n: without("CAMERAY")(said, n) if n == 0 else said)
-    )
-    assert "one line" in problems_of(write(say=lambda said, n: {**said, "CAMERAZ": 0.0, "CAMERAY": 0.1 * n}))
-    images = STUDIES / "images"
-    sun = {"image": str(images / "sun.png"), "profile": str(images / "sun_profile.csv")}
-    assert "both give the sun's profile" in problems_of(write(sun=sun))
-    assert "is not above the dark level" in problems_of(write(say=lambda said, _: {**said, "WHITE": 50.0}))
+
+DIM, CUT = (lambda image: 64.0 + 0.1 * (image - 64.0)), (lambda image: image[:-4])
+BOTH = {"image": str(STUDIES / "images" / "sun.png"), "profile": PROFILE}
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "words"),
+    ("keys", "words"),
     [
-        ("SUNEL", 95.0, "must be greater than 0 and at most 90 deg, the elevation of the sun (got '95')"),
-        ("SUNEL", 0.0, "must be greater than 0 and at most 90 deg"),
-        ("TARGETEL", 90.0, "must be greater than -90 and less than 90 deg"),
-        ("DISTANCE", 1.0, "must be more than 5.16 m, the reach of the heliostat (got 1)"),
-        ("FOCALPIX", 1e-9, "must be between 10 and 1e+07"),
+        (level(DIM, (2, 3)), "are dark"),
+        (level(lambda image: np.full_like(image, 64.0), (1,)), "same level everywhere"),
+        (level(lambda image: np.where(image > 1000.0, 4095.0, image), (3,)), "are saturated"),
+        (level(CUT, (2,)), "176 x 172 pixels, but others have 176 x 176"),
+        (level(CUT, (0,)), "images[0]: "),  # the odd one
+        ({"say": without("SUNAZ")}, "SUNAZ"),
+        ({"say": without("FOCALPIX", camera=1), "image_geometry": {"registration": False}},
+         "mark its 'corners', give FOCALPIX"),
+        ({"say": lambda said, n: {**said, "SUNEL": 60.0 + n}}, "in another image"),
+        ({"say": without("CAMERAY", camera=0)}, "for 3 images of 4"),
+        ({"say": lambda said, n: {**said, "CAMERAZ": 0.0, "CAMERAY": 0.1 * n}}, "one line"),
+        ({"sun": BOTH}, "both give the sun's profile"),
+        ({"say": lambda said, _: {**said, "WHITE": 50.0}}, "is not above the dark level"),
+        *(({"say": lambda said, _, key=key, value=value: {**said, key: value}}, words) for key, value, words in (
+            ("SUNEL", 95.0, ": images[0]: SUNEL in the metadata must be greater than 0 and at most 90 deg"),
+            ("TARGETEL", 90.0, "must be greater than -90 and less than 90 deg"),
+            ("DISTANCE", 1.0, "must be more than 5.16 m, the reach of the heliostat (got 1)"),
+            ("FOCALPIX", 1e-9, "must be between 10 and 1e+07"),
+        )),
     ],
-)
-def test_metadata_that_cannot_be(write, key, value, words):
-    said = problems_of(write(say=lambda metadata, _: {**metadata, key: value}))
-    assert words in said
-    assert ": images[0]: " in said  # the study's key beside the name of the file
+)  # fmt: skip
+def test_images_and_metadata_that_cannot_be_used(write, keys, words):
+    assert words in problems_of(write(**keys))
 
 
-def test_study_and_metadata_that_disagree_are_said(write):
-    target = {"azimuth": 360.0, "elevation": 44.0}
-    sun = {"azimuth": 160.0, "profile": str(STUDIES / "images" / "sun_profile.csv")}
-    heliostat = {"focal_length": 120, "distance": 121, "pixel": 0.05}
-    assert _notes(write(sun=sun, target=target, heliostat=heliostat)) == [
+def test_study_and_metadata_that_disagree_are_said_and_the_study_is_used(write):
+    target, sun = {"azimuth": 360.0, "elevation": 44.0}, {"azimuth": 160.0, "profile": PROFILE}
+    study = write(sun=sun, target=target, heliostat={"focal_length": 120, "distance": 121, "pixel": 0.1})
+    assert notes_of(study) == [
         "sun.azimuth is 160 in the study, but SUNAZ 30 in the metadata of images: the study is used",
         "heliostat.distance is 121 in the study, but DISTANCE 120 in the metadata of images: the study is used",
     ]
+    assert float(result_of(study | {"sun": {"profile": PROFILE}})["distance"]) == 121.0
 
 
 @pytest.mark.parametrize(
@@ -380,7 +344,6 @@ def test_study_and_metadata_that_disagree_are_said(write):
     [
         ([[10, 10], [60, 10], [110, 10], [160, 10]], "nearly in one line"),
         ([[10, 10], [150, 150], [150, 10], [10, 150]], "are not in clockwise order"),
-        ([[10, 150], [150, 150], [150, 10], [10, 10]], "are not in clockwise order"),
         ([[1000, 1000], [1100, 1000], [1100, 1100], [1000, 1100]], "4 of 4 corners are outside"),
         ([[10, 10], [12, 10], [12, 12], [10, 12]], "enclose 4 pixels, which are too few for slopes"),
     ],
@@ -402,18 +365,12 @@ def test_metadata_of_the_study_count_before_those_of_files(tmp_path, levels, shi
         images.append({"file": str(path), "metadata": made.metadata(number)})
     found = result_of(content(tmp_path, images=images))
     np.testing.assert_array_equal(found["slope_x"].sel(LM), shipped["slope_x"].sel(LM))
-    images[1]["metadata"] = {**made.metadata(1), "SUNEL": "95 deg"}
-    assert "images[1].metadata.SUNEL: must be greater than 0 and at most 90 deg" in problems_of(
-        content(tmp_path, images=images)
-    )
-    images[1]["metadata"] = {"FOCALPIXEL": 2000}
-    assert "FOCALPIX" in problems_of(content(tmp_path, images=images))
-
-
-def test_the_study_counts_before_the_metadata(write):
-    result = result_of(write(heliostat={"focal_length": 120, "distance": 121, "pixel": 0.1}))
-    assert float(result["distance"]) == 121.0
-    assert float(result["sun_azimuth"]) == 30.0
+    for wrong, words in (
+        ({**made.metadata(1), "SUNEL": "95 deg"}, "images[1].metadata.SUNEL: must be greater than 0 and at most 90"),
+        ({"FOCALPIXEL": 2000}, "FOCALPIX"),
+    ):
+        images[1]["metadata"] = wrong
+        assert words in problems_of(content(tmp_path, images=images))
 
 
 def test_noise_that_the_study_states(write):

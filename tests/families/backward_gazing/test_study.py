@@ -1,7 +1,5 @@
 """What a study file of the family may say, and what is said of a bad one."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
@@ -12,13 +10,10 @@ from heliosweep.errors import PlanError
 from tests.families import studies
 
 SMALL: dict[str, Any] = {
-    "family": "backward_gazing",
-    "heliostat": {"distance": 120, "pixel": 0.3},
-    "target": {"azimuth": 0, "elevation": 44},
-    "sun": {"azimuth": 30, "elevation": 60},
-    "defects": {"canting": {"2": [0, -1], "3": [0, 1]}},
-    "erosion": 1,
-}
+    "family": "backward_gazing", "heliostat": {"distance": 120, "pixel": 0.3},
+    "target": {"azimuth": 0, "elevation": 44}, "sun": {"azimuth": 30, "elevation": 60},
+    "defects": {"canting": {"2": [0, -1], "3": [0, 1]}}, "erosion": 1,
+}  # fmt: skip
 study = partial(studies.study, SMALL)
 
 

@@ -1,7 +1,5 @@
 """The family: windows on real clocks, the polar night, statistics, the tolerable tilt."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,19 +17,14 @@ from heliosweep.kernels.dish import pack_windows
 from tests.families import studies
 
 SMALL: dict[str, Any] = {
-    "family": "dish_tracking",
-    "site": {"latitude": 40.13, "longitude": 94.67},
+    "family": "dish_tracking", "site": {"latitude": 40.13, "longitude": 94.67},
     "time": {
-        "clock": "civil",
-        "timezone": "+08:00",
-        "dates": ["2021-03-20", "2021-06-21", "2021-06-22", "2021-12-21"],
-        "window": {"start": "07:00", "stop": "21:00", "step": "1 h"},
-        "sampling": "left",
+        "clock": "civil", "timezone": "+08:00", "dates": ["2021-03-20", "2021-06-21", "2021-06-22", "2021-12-21"],
+        "window": {"start": "07:00", "stop": "21:00", "step": "1 h"}, "sampling": "left",
     },
     "mount": {"model": "rigid"},
-    "errors": {"axis_tilt": [0.05, 0.1], "axis_tilt_direction": {"start": 0, "stop": 270, "step": 90}},
-    "tolerance": 4,
-}
+    "errors": {"axis_tilt": [0.05, 0.1], "axis_tilt_direction": {"start": 0, "stop": 270, "step": 90}}, "tolerance": 4,
+}  # fmt: skip
 
 
 study = partial(studies.study, SMALL)
@@ -112,35 +105,29 @@ def test_further_errors_of_the_mount_are_swept():
 
 
 def test_statistics_are_those_of_pandas():
-    result = computed()
-    factor = result["effective_tracking_factor"]
-    series = factor.sel(axis_tilt=0.1, axis_tilt_direction=90).to_series()
-    point = {"axis_tilt": 0.1, "axis_tilt_direction": 90}
-    for name, expected in (
-        ("effective_tracking_factor_mean_over_dates", series.mean()),
-        ("effective_tracking_factor_std_over_dates", series.std()),
-        ("effective_tracking_factor_min", series.min()),
-        ("effective_tracking_factor_max", series.max()),
-    ):
-        assert float(result[name].sel(point)) == pytest.approx(expected, rel=1e-12)
-    assert result["date_of_min"].sel(point).values == series.idxmin()
-    assert result["date_of_max"].sel(point).values == series.idxmax()
+    result, point = computed(), {"axis_tilt": 0.1, "axis_tilt_direction": 90}
+    factor, at = result["effective_tracking_factor"], result.sel(point)
+    series = factor.sel(point).to_series()
+    for name, expected in (("mean_over_dates", series.mean()), ("std_over_dates", series.std()),
+                           ("min", series.min()), ("max", series.max())):  # fmt: skip
+        assert float(at[f"effective_tracking_factor_{name}"]) == pytest.approx(expected, rel=1e-12)
+    assert at["date_of_min"].values == series.idxmin()
+    assert at["date_of_max"].values == series.idxmax()
     monthly = series.groupby(series.index.strftime("%Y-%m"))
     assert result["month"].values.tolist() == ["2021-03", "2021-06", "2021-12"]
-    np.testing.assert_allclose(result["monthly_effective_tracking_factor_mean"].sel(point), monthly.mean(), rtol=1e-12)
-    np.testing.assert_allclose(result["monthly_effective_tracking_factor_std"].sel(point), monthly.std(), rtol=1e-9)
-    means = result["monthly_effective_tracking_factor_mean"].sel(axis_tilt=0.1).transpose("month", ...).to_pandas()
-    for word, expected in (("mean", means.mean(axis=1)), ("std", means.std(axis=1))):
-        over = result[f"monthly_effective_tracking_factor_{word}_over_directions"].sel(axis_tilt=0.1)
-        np.testing.assert_allclose(over, expected, rtol=1e-12)
-    over = factor.sel(date="2021-06-21", axis_tilt=0.1).to_series()
-    day = result.sel(date="2021-06-21", axis_tilt=0.1)
-    assert float(day["effective_tracking_factor_mean_over_directions"]) == pytest.approx(over.mean(), rel=1e-12)
-    assert float(day["effective_tracking_factor_std_over_directions"]) == pytest.approx(over.std(), rel=1e-12)
-    annual = result["effective_tracking_factor_mean_over_dates"].sel(axis_tilt=0.1).to_series()
-    assert (
-        float(result["worst_axis_tilt_direction"].sel(axis_tilt=0.1)) == annual.index[annual < annual.min() + 1e-12][0]
-    )
+    np.testing.assert_allclose(at["monthly_effective_tracking_factor_mean"], monthly.mean(), rtol=1e-12)
+    np.testing.assert_allclose(at["monthly_effective_tracking_factor_std"], monthly.std(), rtol=1e-9)
+    tilted = result.sel(axis_tilt=0.1)
+    means = tilted["monthly_effective_tracking_factor_mean"].transpose("month", ...).to_pandas()
+    day = factor.sel(date="2021-06-21", axis_tilt=0.1).to_series()
+    for word in ("mean", "std"):
+        over = tilted[f"monthly_effective_tracking_factor_{word}_over_directions"]
+        np.testing.assert_allclose(over, getattr(means, word)(axis=1), rtol=1e-12)
+        over = tilted.sel(date="2021-06-21")[f"effective_tracking_factor_{word}_over_directions"]
+        assert float(over) == pytest.approx(getattr(day, word)(), rel=1e-12)
+    annual = tilted["effective_tracking_factor_mean_over_dates"].to_series()
+    worst = annual.index[annual < annual.min() + 1e-12][0]
+    assert float(tilted["worst_axis_tilt_direction"]) == worst
 
 
 def test_polar_night_is_missing_and_flagged():

@@ -1,7 +1,5 @@
 """Angles of the mounts: mirrors turned by them stand as the field kernel has them; ranges and rates by plain loops."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

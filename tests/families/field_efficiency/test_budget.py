@@ -1,7 +1,5 @@
 """Error budgets: parts against runs of changed studies, sums, zero errors, draws, and wrong budgets."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -10,10 +8,8 @@ import xarray as xr
 
 from heliosweep.errors import StudyError
 from heliosweep.families.field_efficiency.drawing import error_budget
-from heliosweep.families.field_efficiency.figures import budget_columns
 from tests.families.field_efficiency.test_energy import BLOCKS
-from tests.families.field_efficiency.test_light_files import FACE, PLACES, calibrated, table
-from tests.families.field_efficiency.test_surfaces import SHAPES, maps
+from tests.families.field_efficiency.test_light_files import FACE, PLACES, SHAPES, calibrated, maps, table
 from tests.families.studies import computed
 
 OPTICS: dict[str, Any] = {
@@ -21,12 +17,10 @@ OPTICS: dict[str, Any] = {
     "mount_errors": {"azimuth_reference": {"normal": [0, 2]}, "seed": 3}, "tracking_error": 0.5, "rays": 64,
 }  # fmt: skip
 BUDGET: dict[str, dict[str, Any]] = {
-    "misalignment": {"optics.mount_errors.scale": 0},
-    "slopes": {"optics.slope_error": 0, "optics.tracking_error": 0},
-    "tracking method": {"tracking": "spinning_elevation"},
-    "dirt": {"optics.soiling.rate": 0},
+    "misalignment": {"optics.mount_errors.scale": 0}, "slopes": {"optics.slope_error": 0, "optics.tracking_error": 0},
+    "tracking method": {"tracking": "spinning_elevation"}, "dirt": {"optics.soiling.rate": 0},
     "air": {"optics.attenuation": "none"},
-}
+}  # fmt: skip
 YEAR: dict[str, Any] = {**BLOCKS, "tracking": "azimuth_elevation", "optics": OPTICS, "limits": {"dni": 600}}
 
 
@@ -44,24 +38,6 @@ def test_parts_sum_to_the_total_loss_and_stages_to_the_rest(budget):
     assert float(rest) == pytest.approx(float(budget["field_receiver_energy"]), rel=1e-12)
     assert float(abs(budget["budget_loss"].sel(budget_part="interaction"))) > 1e-3 * float(total)
     assert not budget["budget_stage_loss"].sel(stage="attenuation")
-
-
-def test_the_figure_and_the_table_have_each_part(budget):
-    drawing, note = error_budget(budget)
-    axes = drawing.axes[0]
-    shown = ["spillage without causes", *BUDGET, "interaction", "all causes"]
-    assert [label.get_text() for label in axes.get_yticklabels()] == shown
-    whole, spilled = float(budget["budget_energy"]), float(budget["budget_stage_loss"].sel(stage="spillage"))
-    widths = [bar.get_width() for bar in axes.patches]
-    np.testing.assert_allclose(widths[:-1], 100 * np.array([spilled, *budget["budget_loss"].values.ravel()]) / whole)
-    assert widths[-1] == pytest.approx(100 * (1 - float(budget["field_receiver_energy"]) / whole), rel=1e-9)
-    ends = np.cumsum(widths[:-1])
-    starts = [bar.get_x() for bar in axes.patches]
-    np.testing.assert_allclose(starts, [0, *ends[:-1], widths[0]], atol=1e-12)
-    assert note.startswith("Gain: energy gained if only this cause is removed.")
-    columns = {str(one.name): float(one) for one in budget_columns(budget)}
-    assert list(columns) == [*BUDGET, "interaction", *(f"gain without {cause}" for cause in BUDGET)]
-    assert columns["gain without dirt"] == float(budget["budget_gain"].sel(budget_cause="dirt"))
 
 
 def test_each_energy_is_the_energy_of_a_changed_study(small, budget):

@@ -1,7 +1,5 @@
 """Energy on the receiver: against sums over the hours, in closed form, by stages and months; the design point."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +15,7 @@ from tests.families.studies import computed
 
 TMY3 = Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"
 BLOCKS: dict[str, Any] = {
-    "site": {"file": str(TMY3)},
-    "time": {"clock": "weather"},
-    "weather": {"file": str(TMY3)},
+    "site": {"file": str(TMY3)}, "time": {"clock": "weather"}, "weather": {"file": str(TMY3)},
     "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 25, "heliostats": 20}},
     "heliostat": {"width": 9, "height": 8, "pivot_height": 5, "focus": "slant"},
     "receiver": {"kind": "cylinder", "height": 30, "radius": 1, "height_extent": 3},
@@ -184,13 +180,11 @@ def test_a_site_in_the_polar_night_is_missing_and_told(small):
     dark = {
         "weather": {"clear_sky": {"model": "meinel"}},
         "time": {
-            "clock": "civil",
-            "timezone": "+00:00",
-            "dates": ["2021-01-05"],
+            "clock": "civil", "timezone": "+00:00", "dates": ["2021-01-05"],
             "window": {"start": "10:00", "stop": "14:00", "step": 1},
         },
         "design_point": {"day": 5, "solar_hour": 12, "dni": 900},
-    }
+    }  # fmt: skip
     study = small(**dark, site={"latitude": [20, 80], "longitude": 0})
     assert study.notes() == [
         "the sun is down at the design point at latitude 80 deg: results for this site are missing (NaN)",

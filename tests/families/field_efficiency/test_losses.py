@@ -1,7 +1,5 @@
 """Shade of the tower and horizon: against exact polygons, rays and pvlib; refused input."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Blocks of the way of the light: products, what stays as it was, and what is wrong with a study."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
@@ -11,6 +9,7 @@ import pytest
 from heliosweep.energy import transmittance
 from tests.families.studies import computed
 
+NOON = {"clock": "sun", "azimuth": 170, "elevation": 50}
 RECEIVER = {"kind": "cylinder", "height": 60, "radius": 3, "height_extent": 7}
 OPTICS = {
     "sun_shape": {"kind": "pillbox"}, "slope_error": 2, "reflectivity": 0.9, "cleanliness": 0.95,
@@ -34,10 +33,8 @@ def lit(small):
 def test_one_product_before_averaging(lit):
     layout = {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 12}}
     few = {
-        "layout": layout,
-        "receiver": {**RECEIVER, "radius": 1, "height_extent": 2},
-        "optics": {**OPTICS, "rays": 64},
-    }
+        "layout": layout, "receiver": {**RECEIVER, "radius": 1, "height_extent": 2}, "optics": {**OPTICS, "rays": 64},
+    }  # fmt: skip
     result = computed(lit(**few))
     series = computed(lit(**few, output={"time_series": True, "field_series": True}))
     optical, total = (series[f"instantaneous_{name}_efficiency"] for name in ("optical", "total"))
@@ -117,3 +114,73 @@ def test_polynomials_alone_end(lit):
     for model, warned in (("ballestrin_hazy", True), ("leary_hankins", False), ("vant_hull", False)):
         notes = lit(**far, optics={**OPTICS, "attenuation": model}).notes()
         assert any(re.match(r"[\d,]+ heliostats farther than 3 km", note) for note in notes) == warned
+
+
+MAP = {"columns": 8, "rows": 6, "limit": 60}
+YEAR = {"clock": "civil", "timezone": "+00:00", "dates": {"start": "2021-01-04", "stop": "2021-12-24", "step": 15},
+        "window": {"start": "03:30", "stop": "20:30", "step": "1 h"}, "sampling": "midpoint"}  # fmt: skip
+
+
+@pytest.fixture
+def mapped(lit):
+    return lambda **blocks: lit(**{
+        "time": NOON, "site": None, "tracking": "azimuth_elevation", "output": {"flux_map": MAP}, **blocks,
+    })  # fmt: skip
+
+
+def test_the_cells_hold_the_power_of_the_field(mapped):
+    result = computed(mapped(time={**NOON, "elevation": [50, -5]})).transpose("sun_elevation", ...)
+    area = 2 * np.pi * 3 * 7
+    power = result["flux_map"].isel(sun_elevation=0).sum() * area / 48
+    heliostats = 72 * result["total_efficiency"].isel(sun_elevation=0)
+    assert float(power) == pytest.approx(float(heliostats.sum()), rel=1e-12)
+    day = result.isel(sun_elevation=0)
+    assert float(day["mean_flux"]) == pytest.approx(float(power) / area)
+    assert float(day["peak_flux"]) == pytest.approx(float(day["flux_map"].max()), rel=0.02)
+    assert float(day["peak_flux"]) > 60
+    assert 0 < float(day["peak_flux_error"]) < 0.02 * float(day["peak_flux"])
+    assert float((day["flux_map_error"] / day["flux_map"].max()).max()) < 0.02
+    bright = day["flux_map"].where(day["flux_map"] > 60).sum() / day["flux_map"].sum()
+    assert float(day["power_above_limit"]) == pytest.approx(float(bright))
+    assert 0 < float(bright) < 1
+    for name in ("flux_map", "peak_flux", "mean_flux", "power_above_limit"):
+        assert np.isnan(result[name].isel(sun_elevation=1)).all()
+    np.testing.assert_allclose(result["flux_column"], 22.5 + 45 * np.arange(8))
+    np.testing.assert_allclose(result["flux_row"], 7 * ((np.arange(6) + 0.5) / 6 - 0.5))
+    assert result["peak_flux"].attrs["comment"].endswith(", direct normal irradiance 1000 W/m2")
+    assert result["mean_flux"].attrs["comment"].endswith(", direct normal irradiance 1000 W/m2")
+    assert np.isnan(result["field_total_efficiency_error"].isel(sun_elevation=1)).all()
+    assert "flux_map" not in computed(mapped(output={}))
+
+
+def test_no_light_is_no_flux(mapped, tmp_path):
+    (tmp_path / "north.csv").write_text("x,y\n0,90\n")
+    face = {"kind": "rectangle", "height": 60, "azimuth": 180, "width": 4, "height_extent": 6}
+    result = computed(mapped(receiver=face, layout={"file": str(tmp_path / "north.csv")}))
+    assert float(result["peak_flux"]) == float(result["mean_flux"]) == 0.0
+    assert np.isnan(result["power_above_limit"])
+
+
+def test_a_swept_size_has_cells_over_it(mapped):
+    face = {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -20, "width": [4, 8], "height_extent": 6}
+    result = computed(mapped(receiver=face))
+    assert result["flux_column"].attrs["units"] == "1"
+    assert result["flux_row"].attrs["units"] == "m"
+    power = result["flux_map"].sum(("flux_row", "flux_column")) * 6 * result["receiver_width"] / 48
+    np.testing.assert_allclose(power, 72 * result["total_efficiency"].sum("heliostat"), rtol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:DatetimeIndex.dayofyear")
+def test_the_design_point_and_the_year(mapped):
+    point = {"day": 80, "solar_hour": 12, "dni": 900}
+    blocks = {
+        "time": YEAR, "site": {"latitude": 37, "longitude": -6, "altitude": 100},
+        "weather": {"clear_sky": {"model": "meinel"}}, "design_point": point,
+        "layout": {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 6}},
+    }  # fmt: skip
+    result = computed(mapped(**blocks))
+    area = 2 * np.pi * 3 * 7 / 48
+    power = float(result["flux_map"].sum()) * area * 1e-3
+    assert power == pytest.approx(float(result["design_point_power"]), rel=1e-12)
+    energy = float(result["energy_flux_map"].sum()) * area
+    assert energy == pytest.approx(float(result["field_receiver_energy"]), rel=1e-12)

@@ -3,8 +3,6 @@
 Nothing here is shared with the kernels. World frame: x east, y north, z up of the tower's base; aim point above it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

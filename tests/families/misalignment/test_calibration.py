@@ -1,14 +1,11 @@
 """Mode calibration: what comes out of studies with synthetic and with measured spots, cut in every way."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.calibration import DISAGREE, DOUBTFUL
 from heliosweep.families.misalignment.report import remarks
 from heliosweep.kernels.calibration import ESTIMATED, EXACT, INDISTINCT, NO_OBSERVATIONS, TOO_FEW
@@ -106,12 +103,9 @@ def test_instants_without_a_command_are_counted():
     # Near the tower mirrors look up around noon, where a mount with a large collimation cannot point.
     noon = {"clock": "solar", "days": [81, 172], "hours": [6.5, *np.arange(9.0, 16.0, 0.25).tolist(), 23.0]}
     made = study(
-        {"parameters": 6},
-        heliostats={"positions": [[0.0, 20.0, 0.0]]},
-        time=noon,
-        mount={"mirror_offset": 0.5},
+        {"parameters": 6}, heliostats={"positions": [[0.0, 20.0, 0.0]]}, time=noon, mount={"mirror_offset": 0.5},
         mount_errors={**TRUE, "collimation": 300.0, "non_orthogonality": 0.0},
-    )
+    )  # fmt: skip
     result = computed(made)
     assert result.calibration_status[0] in (ESTIMATED, INDISTINCT)
     sun = np.isfinite(result.nominal_azimuth).any("heliostat")
@@ -190,36 +184,6 @@ def test_times_give_the_sun_of_the_site():
     assert result.name.to_numpy().tolist() == ["A1", "A2", "B1", "B2"]
 
 
-def problems(folder: Path, rows: list[str], header: str = HEADER, **changes: Any) -> str:
-    options = {"parameters": 6, **changes.pop("calibration", {}), "spots": table(folder, rows, header)}
-    with pytest.raises(StudyError) as caught:
-        study(options, **{"mount_errors": None, **changes})
-    return str(caught.value)
-
-
-def test_bad_measured_spots_are_refused_with_the_study(tmp_path):
-    good = spot_rows(0)
-    assert "heliostat is unknown" in problems(tmp_path, [*good, good[0].replace("0,", "7,", 1)])
-    assert "calibration.noise: is only used for synthetic spots" in problems(tmp_path, good, calibration={"noise": 0.1})
-    assert "calibration.days_used: is only used for synthetic" in problems(tmp_path, good, calibration={"days_used": 2})
-    assert "mount_errors: gives the true errors of synthetic spots" in problems(tmp_path, good, mount_errors=TRUE)
-    assert "belong to one site" in problems(tmp_path, good, site={"latitude": [30, 40]})
-    assert "6 errors need 3 spots of a heliostat" in problems(tmp_path, good[:2])
-    weightless = problems(tmp_path, [f"{row},0" for row in good], f"{HEADER},weight")
-    assert "no spot has a weight above 0" in weightless
-    timed = ["0,0.1,0.1,2024-06-21T12:00:00Z"] * 3
-    said = problems(tmp_path, timed, "heliostat,y,z,time")
-    assert "site.longitude: is missing, and is needed to compute the sun" in said
-    night = ["0,0.1,0.1,2024-06-21T00:00:00Z"]
-    said = problems(tmp_path, [*timed, *night], "heliostat,y,z,time", site=SITE)
-    assert "spots.csv:5: calibration.spots: the sun is not above the horizon" in said
-    millimetres = [",".join([n, *(str(1e3 * float(at)) for at in place), sun]) for n, *place, sun in
-                   (row.split(",", 3) for row in good)]  # fmt: skip
-    said = problems(tmp_path, millimetres)
-    assert "spots.csv:2: the spot is " in said
-    assert "check that it is in metres" in said
-
-
 def test_a_calibration_doubts_itself(tmp_path):
     """Errors that no mount has, or spots that it does not send there, are a status and a warning with the heliostat."""
     header = f"{HEADER},azimuth,elevation"
@@ -290,13 +254,6 @@ def test_spots_that_disagree_are_flagged_with_their_heliostat_and_robust_losses_
     said = " ".join(remarks(result))
     assert "2 spots of 1 heliostats are more than 5 robust standard deviations from the prediction by the other" in said
     assert "'calibration.loss: huber'" in said
-
-
-def test_clean_and_noisy_spots_do_not_disagree(tmp_path):
-    result = computed(measured(tmp_path, [*spot_rows(0, days=DAYS), *noisy(1), *noisy(2)], parameters=4))
-    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED] * 3
-    assert float(result.spot_deviation.max()) < 5
-    assert not list(remarks(result))
 
 
 @pytest.mark.parametrize(

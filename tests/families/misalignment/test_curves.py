@@ -1,7 +1,5 @@
 """Mode curves: from the study file to the numbers, whatever the clock, the sweep, the chunks and the scheduler."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any
@@ -10,7 +8,7 @@ import numpy as np
 import pytest
 
 from heliosweep import api
-from heliosweep.families.misalignment.points import instant_sizes, wall_clock
+from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.report import remarks
 from heliosweep.kernels.mounts import BEHIND_FACE, NO_SUN, REACHES, TOO_NEAR
 
@@ -119,36 +117,6 @@ def test_a_sun_that_stands_still():
     np.testing.assert_array_equal(result["minimum_tolerance"], result["tracking_tolerance"].squeeze(("day", "hour")))
 
 
-CIVIL = {
-    "clock": "civil",
-    "dates": ["2024-03-30", "2024-03-31", "2024-10-27"],
-    "window": {"start": "00:00", "stop": "24:00", "step": "1 h"},
-    "sampling": "left",
-}
-BERLIN = {"latitude": 52.5, "longitude": 13.4, "timezone": "Europe/Berlin"}
-
-
-def test_the_civil_clock_counts_wall_hours():
-    one = study(site=BERLIN, time=CIVIL)
-    table = wall_clock(one.time, "Europe/Berlin")
-    assert table.shape == (3, 24)
-    assert table[0, 12] == np.datetime64("2024-03-30T11:00")
-    assert np.isnat(table[1]).tolist() == [hour == 2 for hour in range(24)]
-    assert table[1, 12] == np.datetime64("2024-03-31T10:00")
-    assert table[2, 2] == np.datetime64("2024-10-27T00:00")  # the first of two
-    assert table[2, 3] == np.datetime64("2024-10-27T02:00")
-    closing = {**CIVIL, "window": {"start": "00:00", "stop": "03:00", "step": "1 h"}}  # ends in what is left out
-    far = {**BERLIN, "longitude": 150}  # where the sun is up then
-    assert np.isnat(wall_clock(study(site=far, time=closing).time, "Europe/Berlin")[1]).tolist() == [False] * 2 + [True]
-    for sampling, first, count in (("inclusive", 0.0, 25), ("midpoint", 0.5, 24), ("left", 0.0, 24)):
-        sampled = study(site=BERLIN, time={**CIVIL, "sampling": sampling})
-        result = api.build(sampled)
-        assert (
-            instant_sizes(sampled) == {"date": 3, "hour": count} == {dim: result.sizes[dim] for dim in ("date", "hour")}
-        )
-        assert float(result["hour"][0]) == first
-
-
 def test_heliostats_of_a_layout_stand_above_its_ground(tmp_path):
     (tmp_path / "a.csv").write_text("x,y,z\n0,60,1\n20,90,2\n-30,80,0\n", encoding="utf-8")
     result = computed(layout={"file": str(tmp_path / "a.csv")}, heliostats={"pivot_height": [3, 5]}, error=error())
@@ -174,3 +142,40 @@ def test_detectors():
     )
     for side in "yz":
         assert float(spot[f"spot_{side}"]) == pytest.approx(float(one[f"crossing_{side}"]), abs=1e-9)
+
+
+SMALL: dict[str, Any] = {
+    "family": "misalignment", "site": {"latitude": 37.4}, "time": {"clock": "solar", "days": [172], "hours": [8, 12]},
+    "receiver": {"height": 143, "width": 9, "height_extent": 9},
+    "heliostats": {"positions": [[-16, 150, 0], [10, -20, 3]]},
+    "error": {"axis": ["elevation", "azimuth"], "size": [0, 1]},
+}  # fmt: skip
+
+
+def config_study(**blocks: Any) -> Any:
+    return studies.study(SMALL, **blocks)
+
+
+def test_notes_of_dark_latitudes():
+    dark = config_study(site={"latitude": [-80, 37.4]}, heliostats={"positions": [[0, 9, 0]]})
+    assert dark.notes() == ["the sun never rises at latitude -80 deg: it has no spots (NaN)"]
+
+
+@pytest.mark.parametrize("name", ["hour", "spot_y", "day_of_minimum_tolerance", "corrected_azimuth"])
+def test_columns_of_layouts_do_not_hide_results(name, tmp_path):
+    (tmp_path / "layout.csv").write_text(f"x,y,{name}\n1,60,3\n5,80,4\n", encoding="utf-8")
+    file = {"heliostats": {"pivot_height": 3}, "layout": {"file": str(tmp_path / "layout.csv")}}
+    result, plain = (
+        api.build(config_study(**file)),
+        api.build(config_study(heliostats={"positions": [[1, 60, 3], [5, 80, 3]]})),
+    )
+    assert result[f"layout_{name}"].to_numpy().tolist() == [3.0, 4.0]
+    assert {*plain.variables} <= {*result.variables}
+    for label in plain.variables:
+        assert result[label].dims == plain[label].dims, label
+
+
+def test_a_swept_offset_is_an_error_only_where_all_of_it_is_too_large():
+    assert config_study(mount={"mirror_offset": [0.5, 300]}).dimensions()[0].name == "mirror_offset"
+    with pytest.raises(StudyError, match="smaller than the distance"):
+        config_study(mount={"mirror_offset": {"start": 300, "stop": 400, "num": 3}})

@@ -1,7 +1,5 @@
 """Mode curves with errors that the mount has already, beams that open, and measured spots."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -25,10 +23,8 @@ BASE: dict[str, Any] = {
     "mount": {"mirror_offset": 0.5, "pedestal_height": 6, "axis_azimuth": 20},
 }
 ERROR: dict[str, Any] = {
-    "source": ["canting", "encoder", "tilt"],
-    "axis": ["elevation", "azimuth"],
-    "size": [-12, 0, 4, 12],
-}
+    "source": ["canting", "encoder", "tilt"], "axis": ["elevation", "azimuth"], "size": [-12, 0, 4, 12],
+}  # fmt: skip
 
 
 def computed(mode: str = "curves", **blocks: Any) -> Any:

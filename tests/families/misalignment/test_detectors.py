@@ -1,13 +1,10 @@
 """Mode detectors: crossings of arrays, the misalignment from them, the closed loop, and tables of crossings."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pytest
 
-from heliosweep.errors import StudyError
 from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, SEEN
 from heliosweep.families.misalignment.report import remarks
 from heliosweep.families.misalignment.study import ERRORS, MOUNTS
@@ -20,14 +17,12 @@ BELOW, BESIDE = {"points": [[-12, -8], [12, -8]]}, {"points": [[8, -12], [8, 12]
 AROUND = [{"points": [[-9, -9], [9, -9], [9, 9]]}, {"points": [[-9, -8.9], [-9, 9], [8.9, 9]]}]
 TRUE = dict(zip(ERRORS, (1.5, -0.8, 0.9, -1.2, 0.0, 0.0), strict=True))
 BASE: dict[str, Any] = {
-    **{key: studies.CALIBRATION[key] for key in ("family", "site", "heliostats")},
-    "mode": "detectors",
+    **{key: studies.CALIBRATION[key] for key in ("family", "site", "heliostats")}, "mode": "detectors",
     "time": {"clock": "solar", "days": [81, 172], "hours": [8, 10, 12, 14, 16]},
     "receiver": {"height": 143, "width": 9, "height_extent": 9},
     "mount": {"mirror_offset": 0.5, "axis_offset": 0.2, "pedestal_height": 4, "axis_azimuth": 20},
-    "detectors": {"arrays": [BELOW, BESIDE]},
-    "mount_errors": TRUE,
-}
+    "detectors": {"arrays": [BELOW, BESIDE]}, "mount_errors": TRUE,
+}  # fmt: skip
 
 
 def study(detectors: dict[str, Any] | None = None, **blocks: Any) -> Any:
@@ -211,23 +206,3 @@ def test_a_table_of_crossings_tells_the_errors(tmp_path):
     assert float(np.abs((noisy.estimated_error - made.true_error) / noisy.standard_error).max()) < 4
     for name in ("true_error", "beam_error_rms", "spot_y_before"):
         assert name not in found
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (("trace", "axis"), "needs a column trace: elevation or azimuth"),
-        (("0,elevation", "0,sideways"), "trace must be 'elevation' or 'azimuth', the trace of this crossing"),
-        ((",-8.0,", ",8.0,"), "m from the nearest array of detectors: check that both"),
-        (("0,elevation", "7,elevation"), "heliostat is unknown; they are numbered from 0 to 2"),
-    ],
-)
-def test_bad_tables_of_crossings(tmp_path, change, said):
-    path = table(tmp_path, computed())
-    text = (tmp_path / "crossings.csv").read_text(encoding="utf-8")
-    assert change[0] in text
-    (tmp_path / "crossings.csv").write_text(text.replace(*change), encoding="utf-8")
-    with pytest.raises(StudyError) as error:
-        study({"crossings": path}, mount_errors=None)
-    assert said in str(error.value)
-    assert "crossings.csv:" in str(error.value)

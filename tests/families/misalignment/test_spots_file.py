@@ -1,7 +1,5 @@
 """Tables of measured spots: what is read, and that everything wrong is said with its line, column and remedy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -91,24 +89,18 @@ def test_a_name_that_is_a_number_is_a_name(read):
     [
         (f"B11,{TIME},0,0", "spots.csv:3:1: heliostat is unknown; did you mean 'B1'? (got 'B11')"),
         (f"Xylophone,{TIME},0,0", "heliostat is unknown; they are numbered from 0 to 3, or named as in the layout"),
-        (f"4,{TIME},0,0", "heliostat is unknown"),
         (f"-1,{TIME},0,0", "heliostat is unknown"),
         (f"1.0,{TIME},0,0", "heliostat is unknown"),
         (f"B1,{TIME},0,0", "'B1' is the name of several heliostats: give the number"),
         (f",{TIME},0,0", "spots.csv:3:1: heliostat is empty"),
         (f"A1,{TIME},nan,0", "y must be a finite number (got 'nan')"),
-        (f"A1,{TIME},0,inf", "z must be a finite number (got 'inf')"),
         (f"A1,{TIME},0,abc", "z must be a finite number (got 'abc')"),
-        (f"A1,{TIME},1e999,0", "y must be a finite number"),
         (f"A1,{TIME},1e200,0", "spots.csv:3:30: y must be between -1e6 and 1e6 m (got '1e200')"),
-        (f"A1,{TIME},0,-1.1e6", "spots.csv:3:32: z must be between -1e6 and 1e6 m"),
         (f"A1,{TIME},,0", "y is empty"),
         ("A1,2024-06-21T09:30:00,0,0", "spots.csv:3:4: time needs an offset from UTC, such as +02:00 or Z"),
         ("A1,21.06.2024 09:30,0,0", "time must be an ISO 8601 time"),
-        ("A1,2024-13-21T09:30Z,0,0", "time must be an ISO 8601 time"),
         ("A1,1024-06-21T09:30Z,0,0", "time must be in the years 1700 to 2200"),
         ("A1,0,0", "has 3 fields, but the header has 4"),
-        (f"A1,{TIME},0,0,0", "has 5 fields, but the header has 4"),
     ],
 )
 def test_wrong_rows(wrong, row, said):
@@ -120,11 +112,7 @@ def test_wrong_rows(wrong, row, said):
 @pytest.mark.parametrize(
     ("sun", "said"),
     [
-        (
-            "0,0,1.0011",
-            "the sun vector has the length 1.0011, which must be 1 to within 0.001: divide it by its length",
-        ),
-        ("0,0,0", "the sun vector has the length 0,"),
+        ("0,0,1.0011", "the sun vector has the length 1.0011, which must be 1 to within 0.001: divide it by its"),
         ("0.6,0,-0.8", "the sun is not above the horizon (elevation -53.13 deg); sun_z is positive up"),
         ("1,0,0", "the sun is not above the horizon (elevation 0.00 deg)"),
         ("x,0,1", "sun_x must be a finite number (got 'x')"),
@@ -141,7 +129,6 @@ def test_wrong_suns(wrong, sun, said):
     [
         ("time,y,z", "needs a column heliostat: number of the heliostat"),
         ("heliostat,time,z", "needs a column y:"),
-        ("heliostat,time,y", "needs a column z:"),
         ("heliostat,y,z", "needs a column time, or sun_x, sun_y, sun_z, the direction of the sun"),
         ("heliostat,y,z,sun_x,sun_z", "needs the columns sun_y beside sun_x, sun_z"),
         ("heliostat,y,z,time,sun_x,sun_y,sun_z", "has both time and sun_x: remove one"),
@@ -159,7 +146,6 @@ def test_wrong_headers(wrong, header, said):
     ("text", "said"),
     [
         ("", "spots.csv: is empty: it needs a header"),
-        ("# nothing\n\n", "is empty"),
         ("heliostat,time,y,z\n", "has a header but no spots"),
         (b"PK\x03\x04rest", "is a spreadsheet"),
         (b"heliostat,time\n\xff\xfe\n", "spots.csv:2: is not UTF-8"),

@@ -1,7 +1,5 @@
 """Families of test functions with known indices, and one whose result is a weighted sum."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -66,13 +64,9 @@ class Functions(Family):
 
     def workload(self, study: Any) -> Workload:
         return Workload(
-            parameters=Parameters(study).sizes,
-            inner={"heliostat": 1000, "month": 3},
-            evaluations=1,
-            unit="points",
-            working_bytes=lambda points, _: 100 * points,
-            splittable="heliostat",
-        )
+            parameters=Parameters(study).sizes, inner={"heliostat": 1000, "month": 3}, evaluations=1, unit="points",
+            working_bytes=lambda points, _: 100 * points, splittable="heliostat",
+        )  # fmt: skip
 
     def variables(self, study: Any) -> dict[str, Variable]:
         dims = tuple(Parameters(study).sizes)
@@ -115,11 +109,8 @@ class Functions(Family):
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
         scale, x = self._inputs(study, region)
         made = {
-            "value": ishigami(x[..., :3]),
-            "product": g_function(x),
-            "total": total(x),
-            "constant": x[..., 0] * 0 + 3,
-        }
+            "value": ishigami(x[..., :3]), "product": g_function(x), "total": total(x), "constant": x[..., 0] * 0 + 3,
+        }  # fmt: skip
         return xr.Dataset({name: (tuple(Parameters(study).sizes), scale * y) for name, y in made.items()})
 
     def remarks(self, result: xr.Dataset) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from heliosweep.kernels import rays
 from tests.kernels.rays.fields import INSTANTS, REFERENCE, YEARS, compare, field
 
 
-@pytest.mark.parametrize("name", YEARS[1:])  # the first: families/field_efficiency/test_years.py
+@pytest.mark.parametrize("name", YEARS[1:])  # the first: families/field_efficiency/test_compute.py
 def test_years_at_the_default_precision(name):
     made, share = field(name)
     weight = REFERENCE["year_weight"]

@@ -3,8 +3,6 @@
 Single values are in the tables of `studies/published`. ``make index`` evaluates the claims for the index of papers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

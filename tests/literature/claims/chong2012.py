@@ -1,7 +1,5 @@
 """Claims of Chong and Tan (2012): what is compared in the result of a study, and the condition that the paper states."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import xarray as xr

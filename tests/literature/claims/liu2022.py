@@ -1,7 +1,5 @@
 """Claims of Liu, Peng and Yan (2022): what is compared in the result of a study, and the condition that the paper states."""
 
-from __future__ import annotations
-
 import xarray as xr
 
 from tests.literature.claims import Claim, between, days, turn

@@ -1,7 +1,5 @@
 """Claims of Optics Express 27 (8), A257 (2019): what is compared in the result of a study, and the condition that the paper states."""
 
-from __future__ import annotations
-
 from tests.literature.claims import Claim, between
 
 PAPER = "Evaluation and measurement of heliostat misalignment (2019)"
