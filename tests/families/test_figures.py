@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from heliosweep import api
 from heliosweep.families.lookup import family_of_result
 from heliosweep.report.draw import draw
 from heliosweep.report.interactive import explore
@@ -81,8 +80,3 @@ def test_a_family_without_figures_has_default_figures():
     (line,) = one.figure.axes[0].get_lines()
     assert np.asarray(line.get_ydata()).tolist() == [1.0, 3.0, 2.0]
     assert one.figure.axes[0].get_ylabel() == "reach (m)"
-
-
-def test_studies_of_the_api_draw_the_same_figures():
-    result = api.build(study(SMALL)).compute()
-    assert next(one.name for one in result.heliosweep.figures()) == "field_maps"

@@ -33,15 +33,6 @@ def sunny(lit):  # noqa: F811
     return lambda **blocks: lit(**{"time": NOON, "site": None, "tracking": "azimuth_elevation", **blocks})
 
 
-def test_the_centre_is_the_default(sunny):
-    plain, middle, one = (
-        computed(sunny(aim=aim)) for aim in (None, {"strategy": "centre"}, {"strategy": "spread", "levels": 1})
-    )
-    for name in plain.data_vars:
-        np.testing.assert_array_equal(plain[name], middle[name])
-        np.testing.assert_array_equal(plain[name], one[name])
-
-
 def test_points_of_the_layout(sunny, tmp_path):
     """The points that all aim at by default give the same bits; others move rays, also those that are blocked."""
     layout = table(tmp_path / "field.csv", facing())

@@ -88,23 +88,6 @@ def test_civil_clock_follows_pvlib(small):
     np.testing.assert_allclose(shown.values[up], cosine[up], atol=1e-12)
 
 
-def test_named_sites_are_a_dimension(small, tmp_path):
-    sites = [
-        {"name": "Sevilla", "latitude": 37.4, "longitude": -6.25, "timezone": "Europe/Madrid"},
-        {"name": "Dunhuang", "latitude": 40.1, "longitude": 94.7, "timezone": "Asia/Shanghai"},
-    ]
-    time = {key: value for key, value in CIVIL.items() if key != "timezone"}
-    result = computed(small(site=None, sites=sites, time=time))
-    assert result["field_optical_efficiency"].dims == ("site", "tracking")
-    assert result["site"].values.tolist() == ["Sevilla", "Dunhuang"]
-    assert result["latitude"].values.tolist() == [37.4, 40.1]
-    (tmp_path / "sites.csv").write_text(
-        "name,latitude,longitude,timezone\nSevilla,37.4,-6.25,Europe/Madrid\nDunhuang,40.1,94.7,Asia/Shanghai\n"
-    )
-    table = computed(small(site=None, sites={"file": str(tmp_path / "sites.csv")}, time=time))
-    np.testing.assert_array_equal(table["field_optical_efficiency"], result["field_optical_efficiency"])
-
-
 def test_series_of_a_shorter_site_are_padded_with_nan(small, tmp_path):
     """Two sites of 8,760 and 8,784 hours: a mean over the instants must not count zeros for hours that do not exist."""
     for letter, year in (("a", 2021), ("b", 2020)):

@@ -9,7 +9,6 @@ import pytest
 from heliosweep.families.misalignment.calibration import DISAGREE, DOUBTFUL
 from heliosweep.families.misalignment.report import remarks
 from heliosweep.kernels.calibration import ESTIMATED, EXACT, INDISTINCT, NO_OBSERVATIONS, TOO_FEW
-from heliosweep.kernels.mounts import ERRORS
 from tests.conftest import shipped
 
 from . import studies
@@ -19,7 +18,6 @@ from .studies import computed
 POSITIONS = studies.CALIBRATION["heliostats"]["positions"]
 DAYS, HOURS = studies.CALIBRATION["time"]["days"], studies.CALIBRATION["time"]["hours"]
 TRUE = studies.CALIBRATION["mount_errors"]
-DRAWN = {name: {"normal": [0.0, 1.0]} for name in ERRORS}
 
 
 def study(calibration: dict[str, Any] | None, **changes: Any) -> Any:
@@ -69,19 +67,6 @@ def test_swept_parameters_days_and_losses():
     np.testing.assert_allclose(four.residual_rms, 0.01, rtol=0.35)
 
 
-def test_heliostats_that_are_not_there_or_see_nothing():
-    result = computed(study({"parameters": 4}, heliostats={"positions": [POSITIONS[0], [10.0, -150.0, 0.0]]}))
-    assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, NO_OBSERVATIONS]
-    assert result.spots_used.to_numpy().tolist() == [27, 0]
-    behind = result.isel(heliostat=1)
-    for name in ("estimated_error", "standard_error", "condition_number", "residual_rms", "corrected_azimuth"):
-        assert np.isnan(behind[name]).all()
-    assert behind.least_known_direction == -1
-    assert list(remarks(result)) == [
-        "1 of 2 calibrations have no usable spots: no errors are estimated (calibration_status 6)"
-    ]
-
-
 def test_remarks_of_what_spots_cannot_tell():
     one = computed(study({"parameters": [4, 6], "days_used": 1, "noise": 0.001}))
     assert (one.calibration_status.sel(parameters=6).to_numpy() == [INDISTINCT, ESTIMATED, INDISTINCT]).all()
@@ -119,7 +104,6 @@ def test_instants_without_a_command_are_counted():
 
 # Measured spots.
 
-SITE = {"latitude": 37.4, "longitude": -2.0, "altitude": 100}
 HEADER = "heliostat,y,z,sun_x,sun_y,sun_z"
 
 

@@ -107,21 +107,6 @@ def test_intervals_hold_the_truth():
         assert 0.93 < np.mean(np.abs(ratio[np.isfinite(ratio)]) < 1.96) < 0.97
 
 
-def test_more_rounds_leave_less_noise():
-    options = {"noise": 0.05, "rounds": 4, "correction": ["mount", "instant"]}
-    loop = computed(options, mount_errors={**DRAWN, "samples": 40})
-    left = np.sqrt((loop.beam_error_rms**2).mean(["sample", "heliostat"]))
-    mount = left.sel(correction="mount").to_numpy()
-    assert mount[0] > 3
-    assert (np.diff(mount) < 0).all()
-    np.testing.assert_allclose(mount[4] / mount[1], 0.5, rtol=0.2)
-    # A correction instant by instant takes up tilts too, but its noise is not averaged.
-    instant = left.sel(correction="instant").to_numpy()
-    assert instant[1] > 2 * mount[1]
-    np.testing.assert_allclose(instant[4], instant[1], rtol=0.2)
-    assert np.isfinite(loop.corrected_azimuth).all()
-
-
 def test_correcting_instant_by_instant_needs_no_model_of_the_mount():
     """Without noise it leaves what the turn of the mirror about its normal, which two angles do not know, moves."""
     loop = computed({"correction": "instant", "rounds": 3, "parameters": 2})

@@ -172,15 +172,6 @@ def test_spots_are_held_out_by_name(plant):
     assert held.sel(campaign="july.csv").to_numpy().tolist() == [2] * COUNT
 
 
-def test_spots_that_agree_within_a_few_millimetres_do_not_disagree_if_most_are_held_out(plant):
-    """Without weight they have no part in the median weight, to which distances of other spots relate."""
-    table = spots(times_of((0, 30), np.arange(7.5, 17.5)), TRUTH, noise=1e-4)
-    table["y"] += 0.004 * (np.arange(len(table)) < COUNT)  # above five standard deviations, below the least distance
-    deviation = api.build(plant(table, held_out=11)).compute()["spot_deviation"].to_numpy()
-    assert np.nanmax(deviation) <= 5.5
-    assert np.isnan(deviation[:, 9:]).all()
-
-
 def test_the_shipped_table_of_a_camera_system_shows_the_drift_of_its_header():
     """Errors of spots/camera.csv, made with `mount_spots`: B1 drifts by 1 mrad each 30 days from 4 March."""
     result = api.build(api.load(STUDIES / "calibration_drift.yaml")).compute()
