@@ -374,10 +374,24 @@ def _sweep_packet(
             used = np.int64(0)
         for k in range(lanes):
             store(lines.to_target, 0, k, (mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]))
-        used = _sweep_one(
-            i, mirrors, tower, tracking, found[:count], blockers[begins[t] : begins[t + 1]], lines, images, room,
-            used, lanes,
-        )  # fmt: skip
+        used = _have_frame(i, mirrors, tracking, lines, used, lanes)
+        shading = _shade_by_tower(i, mirrors, tower, lines, images, room, lanes)
+        some = found[:count]
+        shading, used = _make_images(i, some, mirrors, tracking, lines, lines.to_sun, images, shading, used, lanes)
+        some = blockers[begins[t] : begins[t + 1]]
+        made, used = _make_images(i, some, mirrors, tracking, lines, lines.to_target, images, shading, used, lanes)
+        unions(images, shading, made, lines.total, room, lanes)
+        row = lines.place[i] + COSINE  # outside the loop, which is vectorised only without this load
+        for k in range(lanes):
+            cosine, shading_efficiency = get(lines.frames, row, k), _left(get(lines.total, 0, k))
+            blocking_efficiency, one = _left(get(lines.total, ROW, k)), get(lines.weight, 0, k)
+            put(lines.result, 0, k, one * cosine)
+            put(lines.result, ROW, k, one * shading_efficiency)
+            put(lines.result, 2 * ROW, k, one * blocking_efficiency)
+            put(lines.result, 3 * ROW, k, one * (cosine * _left(get(lines.total, 2 * ROW, k))))
+            put(lines.result, 4 * ROW, k, one * (cosine * shading_efficiency))
+            put(lines.result, 5 * ROW, k, one * (cosine * shading_efficiency * blocking_efficiency))
+            put(lines.result, 6 * ROW, k, one * (cosine * get(lines.result, 6 * ROW, k)))
         for c in range(4 if series.shape[2] > 0 else 0):
             for k in range(stop - start):
                 series[c, order[start + k], names[t]] = lines.result[c * ROW + k]
@@ -395,28 +409,6 @@ def _frame(count, lanes):
     """
     side = ROW // lanes
     return count // side * FRAME + count % side * lanes
-
-
-@inner
-def _sweep_one(i, mirrors, tower, tracking, shaders, blockers, lines, images, room, used, lanes):
-    """Write the weighted efficiencies of test heliostat i in a packet; return the number of frames."""
-    used = _have_frame(i, mirrors, tracking, lines, used, lanes)
-    shading = _shade_by_tower(i, mirrors, tower, lines, images, room, lanes)
-    shading, used = _make_images(i, shaders, mirrors, tracking, lines, lines.to_sun, images, shading, used, lanes)
-    made, used = _make_images(i, blockers, mirrors, tracking, lines, lines.to_target, images, shading, used, lanes)
-    unions(images, shading, made, lines.total, room, lanes)
-    row = lines.place[i] + COSINE  # outside the loop, which is vectorised only without this load
-    for k in range(lanes):
-        cosine, shading_efficiency = get(lines.frames, row, k), _left(get(lines.total, 0, k))
-        blocking_efficiency, one = _left(get(lines.total, ROW, k)), get(lines.weight, 0, k)
-        put(lines.result, 0, k, one * cosine)
-        put(lines.result, ROW, k, one * shading_efficiency)
-        put(lines.result, 2 * ROW, k, one * blocking_efficiency)
-        put(lines.result, 3 * ROW, k, one * (cosine * _left(get(lines.total, 2 * ROW, k))))
-        put(lines.result, 4 * ROW, k, one * (cosine * shading_efficiency))
-        put(lines.result, 5 * ROW, k, one * (cosine * shading_efficiency * blocking_efficiency))
-        put(lines.result, 6 * ROW, k, one * (cosine * get(lines.result, 6 * ROW, k)))
-    return used
 
 
 @inner
