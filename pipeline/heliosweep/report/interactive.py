@@ -169,7 +169,7 @@ def _quantities(
             if name in across:
                 quantity["across"], more = _quantity(context.result[across[name]], keep)
                 kept = {**more, **kept}
-            for dim in kept.keys() - dims.keys():
+            for dim in (dim for dim in kept if dim not in dims):
                 values = context.coordinate(dim).to_numpy()[kept[dim]]
                 dates, words = values.dtype.kind == "M", not is_joined(context.result, dim) or values.dtype.kind in "OU"
                 at = np.arange(values.size) if words else values.astype("datetime64[ms]") if dates else values
