@@ -11,8 +11,8 @@ export STUDY ?=
 STUDIES ?= studies/*_table*.yaml studies/*.yaml
 # two processes share the studies, six at a time: one draws pages while the other computes
 EACH_ONCE := awk '!seen[$$0]++' | tr '\n' '\0' | xargs -0 -n 6 -P 2
-# names of benchmarks in tests/bench: kernels (field, rays and compile) and whole commands (study), and
-# --page=docs/scaling.md to write the table of the documentation
+# benchmarks of tests/bench: kernels (field, rays and compile), study, and chain and electricity (need PySAM);
+# --page=docs/scaling.md writes the table of the documentation
 BENCH ?= kernels study
 PYTEST_ARGS ?=
 # two processes share the tests, or as many as make PYTEST_ARGS="--maxprocesses 8" test says; --pdb takes one

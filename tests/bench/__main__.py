@@ -11,8 +11,8 @@ from tests.bench.table import README_LINES, Line, print_lines, write_page
 from tests.conftest import ROOT
 
 KERNELS = ("field", "rays", "compile")
-#: Whole commands.
-COMMANDS = ("study",)
+#: Whole commands, and comparisons with SolarPILOT and SAM.
+COMMANDS = ("study", "chain", "electricity")
 
 
 def main(arguments: list[str]) -> None:
