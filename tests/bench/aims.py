@@ -51,7 +51,10 @@ def image_size_priority(centre: np.ndarray, receiver: dict[str, Any], part: floa
     given: dict[str, Any] = {"width": 11, "height": 11, "slope_error": 1.5, "tracking_error": 0.6}
     scene = light.field_scene(centre, kind(**made), **given)
     points = aiming.aim_grid(scene.receiver, centre, *GRID, np.radians(40.0))
-    sun, share = light.sun_directions(180.0, 55.0)[0], light.mirror_area(scene)
+    sun, share = (
+        light.sun_directions(180.0, 55.0)[0],
+        light.mirror_area(scene.sides[:, 0], scene.sides[:, 1], scene.facets),
+    )
     flux = aiming.aim_images(scene, sun, points, cells=CELLS, share=share, threads=2)
     power = aiming.image_powers(flux, scene.receiver, CELLS, len(points))
     size = np.linalg.norm(scene.target - centre, axis=1)  # images grow with the distance

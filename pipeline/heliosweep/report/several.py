@@ -45,6 +45,14 @@ class Compared(NamedTuple):
     family: Any = None
 
 
+def _entry(compared: Compared, file: Path) -> dict[str, str]:
+    """Return the title and folder of a result, and a link from `file` to its page if there is one."""
+    folder = compared.path if compared.path.is_dir() else compared.path.parent
+    page, title = folder / PAGE, str(compared.data.attrs.get("title", folder.name))
+    link = quote(Path(os.path.relpath(page, file.parent)).as_posix()) if page.is_file() else ""
+    return {"title": title, "about": folder.resolve().name, "link": link}
+
+
 def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
     """Write a page that compares several results; the family of the first one declares the figures."""
     from heliosweep.report.draw import draw
@@ -60,16 +68,10 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
     remarks += [] if same else ["The heliostats of the results differ; there are maps, but no difference maps."]
     tables = [replace(ranges(one, headlines), notes=[f"Ranges of result {name}."]) for name, one in results.items()]
     tables = [numbers(joined, headlines)] if joined.data_vars else tables
-    entries = []
-    for name, one in zip(names, compared, strict=True):
-        folder = one.path if one.path.is_dir() else one.path.parent
-        page, title = folder / PAGE, str(one.data.attrs.get("title", folder.name))
-        link = quote(Path(os.path.relpath(page, file.parent)).as_posix()) if page.is_file() else ""
-        entries.append({"name": name, "title": title, "about": folder.resolve().name, "link": link})
     text = render(
         "several.html",
         title=f"{len(results)} results compared",
-        results=entries,
+        results=[{"name": name, **_entry(one, file)} for name, one in zip(names, compared, strict=True)],
         remarks=remarks,
         went_in=_inputs(results).printed(),
         tables=[table.printed() for table in tables],

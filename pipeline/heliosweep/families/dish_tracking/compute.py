@@ -171,7 +171,7 @@ def computation(study: DishTrackingStudy) -> Computation:
         dims=dims,
         coordinates=partial(_timezones, study),
         attrs=sun_attributes(study.time, sun.delta_t, elevation),
-        inputs=concentrator and (lambda: read_weather(study.resolve(concentrator.weather))),
+        inputs=(lambda: read_weather(study.resolve(concentrator.weather))) if concentrator else None,
         finish=finish,
         arrays=("mount.model", *_CONCENTRATOR),
         whole=(*["axis_tilt_direction"] * _directed(study), *["axis_tilt"] * (solved and "axis_tilt" in swept)),

@@ -447,8 +447,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
         if has_heat(study):
             made["design_point_heat"] = _design_heat(points, made["design_point_power"])
     if study.economics is not None:
-        energy = computed["field_heat"].to_numpy() if "field_heat" in computed else made["field_receiver_energy"]
-        made |= costs_of(points, made, energy)
+        made |= costs_of(points, made, np.asarray(computed.get("field_heat", made.get("field_receiver_energy"))))
     for name, of in (
         ("field_receiver_energy", "receiver_energy"), ("loss", "heliostat_loss"),
         ("monthly_receiver_energy", "heliostat_monthly_receiver_energy"),

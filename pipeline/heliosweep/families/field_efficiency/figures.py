@@ -41,10 +41,8 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
         note = "P50 and P90: quantities that a weather year exceeds with a probability of 50 % and 90 %."
         yield numbers(result, [str(dim) for dim in years[0].dims], years, "Weather years", [note], digits=4)
     order = dict.fromkeys(["total_efficiency", "optical_efficiency", *EFFICIENCIES, *LIGHT])
-    means = [_named(result, f"field_{name}") for name in order if f"field_{name}" in whole]
-    if FACTORED in whole:
-        means.append(_named(result, FACTORED))
-    means += [_named(result, name) for name in (f"field_design_point_{name}" for name in order) if name in whole]
+    names = [*(f"field_{name}" for name in order), FACTORED, *(f"field_design_point_{name}" for name in order)]
+    means = [_named(result, name) for name in names if name in whole]
     notes = ["Factored: product of the means of cosine, shading and blocking efficiency."]
     yield numbers(result, dims, means, "Mean efficiencies over the period", notes)
 
