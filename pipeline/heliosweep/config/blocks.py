@@ -1,4 +1,4 @@
-"""Base class of blocks, the blocks common to all families, and conversion of pydantic errors to located problems.
+"""Define the blocks common to all families, and convert pydantic errors to problems with a line and column.
 
 Families declare their own blocks as subclasses of `Block`. The block `execution` does not affect the numbers of a
 result.
@@ -37,7 +37,7 @@ _ABSENT = object()
 
 
 class Block(BaseModel):
-    """A mapping of a study file: frozen, with known keys only.
+    """Base class of the blocks of a study file: immutable mappings that reject unknown keys.
 
     A subclass declares its keys as annotated fields, and may check relations between keys in :meth:`rules`.
     """
@@ -45,11 +45,11 @@ class Block(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     def rules(self) -> Iterable[Fault]:
-        """Yield faults in relations between the keys of this block. Called only if each key is valid."""
+        """Yield a fault for each conflict between keys of the block, if every key is valid."""
         return ()
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Raise an error, because a study is immutable after its checks."""
+        """Raise AttributeError for a key of the block, because a validated study is immutable."""
         if name in type(self).model_fields:
             raise AttributeError(f"{name}: a study cannot be changed; make another study with heliosweep.study or load")
         super().__setattr__(name, value)
@@ -94,7 +94,7 @@ def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Bl
 
 
 def declares(block: type[Block], key: str) -> bool:
-    """Return True if a block, or a block within it, has a field with this dotted key."""
+    """Return True if a block or one of its nested blocks has a field with this dotted key."""
     name, _, rest = key.partition(".")
     field = block.model_fields.get(name)
     return field is not None and (not rest or any(declares(inner, rest) for inner in blocks_in(field.annotation)))
@@ -113,7 +113,7 @@ def translate(error: ValidationError, block: type[Block], source: Source) -> Ite
     errors = [(details, *_located(details, source.data)) for details in error.errors(include_url=False)]
     extra = [(details, path) for details, path, _ in errors if details["type"] == "extra_forbidden"]
     unknown = {path: _meant(details, block) for details, path in extra[: MAX_FAULTS + 1]}
-    meant = {(*path[:-1], key) for path, (key, _) in unknown.items()}  # not reported again as missing
+    meant = {(*path[:-1], key) for path, (key, _) in unknown.items()}  # not reported as missing keys
     for details, path, value in errors:
         kind = details["type"]
         if kind == "extra_forbidden":
@@ -123,7 +123,7 @@ def translate(error: ValidationError, block: type[Block], source: Source) -> Ite
         elif kind in ("missing", "rule") or value is _ABSENT:
             if not (kind == "rule" and isinstance(value, dict) and None in value.values()):
                 yield source.problem(path, _message(details, block))
-        # empty keys and wrong entries are already reported
+        # empty keys and invalid entries have already been reported
         elif value is not None and not (kind == "too_short" and value):
             yield source.problem(path, f"{_message(details, block)} (got {shown(value)})")
 
@@ -191,7 +191,7 @@ def _meant(details: ErrorDetails, block: type[Block]) -> tuple[str, str]:
 
 
 class Receiver(Block):
-    """The aim point of all heliostats on the tower."""
+    """Aim point of all heliostats on the tower."""
 
     height: Annotated[
         float | Sweep,
@@ -208,7 +208,7 @@ def _side(side: str) -> Quantity:
 
 
 class Heliostat(Block):
-    """The mirror of all heliostats, a flat rectangle."""
+    """Flat rectangular mirror of each heliostat."""
 
     width: Annotated[float | Sweep | None, _side("width")] = None
     height: Annotated[float | Sweep | None, _side("height")] = None
@@ -249,7 +249,7 @@ class Output(Block):
     @model_validator(mode="before")
     @classmethod
     def _read_zarr(cls, data: Any) -> Any:
-        """Replace the format ``zarr`` of version 0.1, which is no longer written, by ``netcdf``."""
+        """Replace the format ``zarr`` of version 0.1 by ``netcdf``, because Zarr files are no longer written."""
         if not isinstance(data, dict) or data.get("format") != "zarr":
             return data
         log.warning(
@@ -283,7 +283,7 @@ _ADDRESS = re.compile(r"(?:tcp|tls)://(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[
 
 @dataclass(frozen=True)
 class Scheduler(Choice):
-    """The name of a scheduler, or the address of a dask scheduler."""
+    """Name of a scheduler, or address of a dask scheduler."""
 
     def _one_schema(self) -> dict[str, Any]:
         return {"anyOf": [super()._one_schema(), {"type": "string", "pattern": f"^{_ADDRESS.pattern}$"}]}
@@ -298,7 +298,7 @@ class Scheduler(Choice):
 
 
 class Execution(Block):
-    """Computing settings of a run. They do not affect the numbers of the result."""
+    """Computing settings of a run, which do not affect the numbers of its result."""
 
     scheduler: Annotated[
         str,
@@ -368,12 +368,12 @@ class Execution(Block):
             yield Fault("is for scheduler: distributed", ("cluster",), show_value=False)
 
 
-#: Prefix of the name of a licence that is not in the SPDX list.
+#: Prefix for the names of licences that are not in the SPDX list.
 OWN = "LicenseRef-"
 
 
 def _matched(expression: str, example: str, raw: Any) -> str:
-    """Return the string, or the group of the expression if it has one. Raises Invalid if the string does not match."""
+    """Return the matched text, or the text in the group of the expression. Raises Invalid if there is no match."""
     match = re.fullmatch(expression, free_text(raw).strip())
     if match is None:
         raise Invalid(f"must be {example}")
@@ -381,7 +381,7 @@ def _matched(expression: str, example: str, raw: Any) -> str:
 
 
 def licence(text: str) -> str:
-    """Return the identifier of a licence. Raises Invalid."""
+    """Return the identifier of a licence. Raises Invalid if the text cannot be an SPDX identifier."""
     return _matched(
         r"[A-Za-z0-9][A-Za-z0-9.+-]*", f"an SPDX identifier such as CC-BY-4.0 or CC0-1.0, or {OWN}NAME", text
     )
@@ -414,7 +414,7 @@ class Funding(Block):
 
 
 class Dataset(Block):
-    """Authors, licence and keywords of the published result. They are not part of the study's identity."""
+    """Authors, licence and keywords of the published result. These keys are not part of the study's identity."""
 
     creators: Annotated[tuple[Creator, ...], Field(description="Authors, in the order of citation")] = ()
     license: Annotated[

@@ -1,4 +1,4 @@
-"""Faults of a value, independent of its position in a file.
+"""Faults of values, independent of their positions in a file.
 
 Functions that read values raise :class:`Invalid`. The module :mod:`heliosweep.config.load` converts the faults to
 problems with a position in the file.
@@ -19,7 +19,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 #: Maximum number of reported faults in one list.
 MAX_FAULTS = 100
 
-#: Terms of other programs and of the literature that users may write instead of a key, each with its remedy.
+#: Terms of other programs and of the literature that users may write instead of a key, with hints to the correct key.
 SYNONYMS = {
     **dict.fromkeys(
         ("slurm", "pbs", "sge", "lsf", "oar", "htcondor"),
@@ -52,22 +52,22 @@ COUNTS = ("no", "one", "two", "three", "four")
 
 T = TypeVar("T")
 
-#: Position of a value in a study: keys and list positions from the top.
+#: Path to a value in a study: keys and list indices, starting at the top level.
 Path = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of a value, or of a part of it.
+    """Fault of a value, or of a part of the value.
 
     Parameters
     ----------
     message : str
-        End of a sentence that begins with the key.
+        Text that follows the key in the complete message.
     path : tuple of str or int
-        Path of the wrong part, relative to the value; empty if the value itself is wrong.
+        Path of the invalid part, relative to the value; empty if the whole value is invalid.
     show_value : bool
-        If True, the message repeats the value: ``(got 91)``.
+        If True, the complete message ends with the value, for instance ``(got 91)``.
     """
 
     message: str
@@ -76,7 +76,7 @@ class Fault:
 
 
 class Invalid(ValueError):
-    """Error that lists the faults of a value that cannot be read."""
+    """Error that lists all faults of an invalid value."""
 
     def __init__(self, faults: str | Fault | Iterable[Fault]) -> None:
         if isinstance(faults, str):
@@ -86,11 +86,11 @@ class Invalid(ValueError):
 
 
 class Faults(list[Fault]):
-    """A collection of faults that are raised together."""
+    """List of faults that are raised in one error."""
 
     @contextmanager
     def under(self, *place: str | int) -> Iterator[None]:
-        """Collect the faults that are raised while the part at `place` is read."""
+        """Collect the faults that are raised during reading of the part at `place`."""
         try:
             yield
         except Invalid as error:
@@ -158,13 +158,13 @@ def few_of(values: Iterable[object]) -> str:
 
 
 def in_short(text: str) -> str:
-    """Return a text shortened to one line of at most 60 characters, with control characters escaped."""
+    """Shorten a text to one line of at most 60 characters, and escape control characters."""
     text = "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text[:100])
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def shown(value: object) -> str:
-    """Return a value in short form for messages, on one line and in the syntax of a study file."""
+    """Return a short form of a value for messages, on one line and in the syntax of a study file."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

@@ -13,7 +13,7 @@ from heliosweep.config.values import Choice, FileName, Numbers, Quantity, Sweep
 
 #: Keys of the layout generators.
 GENERATORS = ("radial_stagger", "spiral", "rows")
-#: Sources of positions. A layout has exactly one source.
+#: Keys for the source of the heliostat positions. A layout has exactly one of these keys.
 SOURCES = ("file", "table", *GENERATORS)
 #: Keys that describe the ground of a generated layout.
 GROUND = ("sectors", "boundary", "exclude", "margin", "terrain")
@@ -104,7 +104,7 @@ class Spiral(Block):
 
 
 class Rows(Block):
-    """Parallel rows of heliostats. If a number of heliostats is given, the heliostats nearest to the tower are used."""
+    """Parallel rows of heliostats. If `heliostats` is given, the positions nearest to the tower are used."""
 
     spacing: Annotated[
         float | Sweep,
@@ -136,7 +136,7 @@ class Rows(Block):
 
 
 class Sector(Block):
-    """Range of azimuths of the heliostats, seen from the tower."""
+    """Range of heliostat azimuths, as seen from the tower."""
 
     azimuth: Annotated[
         float | Sweep,
@@ -224,7 +224,7 @@ class Layout(Block):
     @model_validator(mode="before")
     @classmethod
     def _columns_as_table(cls, data: Any) -> Any:
-        """Convert ``layout: {x: [...], y: [...]}``, with any column titles, to the table of the layout."""
+        """Convert columns with any titles, such as ``layout: {x: [...], y: [...]}``, to the table of the layout."""
         if not isinstance(data, dict) or {*SOURCES} & {*data}:
             return data
         known = {key: value for key, value in data.items() if key in cls.model_fields}
@@ -234,7 +234,7 @@ class Layout(Block):
         return {"table": table, **known}
 
     def rules(self) -> Iterable[Fault]:
-        """Check that there is exactly one source of positions, and that the extent of a generated field is limited."""
+        """Check that the layout has one source of positions, and that a generated field has a limited extent."""
         given = [key for key in SOURCES if getattr(self, key) is not None]
         if len(given) != 1:
             yield Fault(f"give exactly one of {one_of(SOURCES).replace(' or ', ' and ')}", show_value=False)

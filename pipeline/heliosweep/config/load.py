@@ -28,7 +28,7 @@ from heliosweep.config.values import TWICE, Drawn, FileName
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
 
-#: Key for the study file that a study includes.
+#: Key that specifies the included study file.
 INCLUDE = "include"
 #: Command-line option that sets a key.
 OPTION = "--set"
@@ -37,8 +37,9 @@ OPTION = "--set"
 def with_base(source: Source, registry: Mapping[str, type[Study]]) -> Source:
     """Return a study merged with the study files that it includes, directly or indirectly.
 
-    Blocks are merged key by key. Any other value replaces the value in the base, and ``null`` removes a key of the
-    base. File names in the base are relative to its folder. Raises StudyError if a base cannot be read.
+    Blocks are merged key by key. Any other value replaces the value in the included file, and ``null`` removes a key of
+    the included file. Relative file names in an included file start at the folder of the included file. Raises
+    StudyError if an included file cannot be read.
     """
     layers = [source]
     while INCLUDE in layers[-1].data:
@@ -62,7 +63,7 @@ def with_base(source: Source, registry: Mapping[str, type[Study]]) -> Source:
 
 
 def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Source:
-    """Return a study with changed values.
+    """Return a study with changed values of its keys.
 
     Parameters
     ----------
@@ -71,12 +72,12 @@ def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Sour
     changes : mapping of str to object
         Values by dotted key, such as ``receiver.height`` or ``sites[0].latitude``; None removes the key.
     named : str
-        Text that replaces the file name in messages about these values.
+        Text that replaces the file name in messages about changed values.
 
     Raises
     ------
     StudyError
-        If a key refers to an entry that a list does not have.
+        If a key contains an index that is out of range for its list.
     """
     data, places, place = copy.deepcopy(source.data), dict(source.places), Place(0, 0, named)
     for key, value in changes.items():
@@ -119,7 +120,7 @@ def settings(texts: Iterable[str]) -> dict[str, Any]:
 
 
 def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Check and return keys of the block `execution`. Strings are parsed as in a study file.
+    """Check and return keys of the block `execution`. Strings are parsed like values in a study file.
 
     Messages begin with `prefix` and the key. Raises a StudyError that lists all problems.
     """
@@ -135,9 +136,9 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
 
 
 def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
-    """Yield, for each file name in the data of a study, the path of its key and the name."""
+    """Yield the path of the key and the file name, for each file name in the data of a study."""
     blocks = blocks_at(study_class, path)
-    if isinstance(data, str) and isinstance(path[-1], int):  # the name of a file instead of a block
+    if isinstance(data, str) and isinstance(path[-1], int):  # a file name instead of a block
         listed = any(path[-2] in block.model_fields for block in blocks_at(study_class, path[:-2]))
         yield from ((path, data) for block in blocks[: int(listed)] if "file" in block.model_fields)
     for key, value in _entries(data):
@@ -167,7 +168,7 @@ def with_patterns(source: Source, study_class: type[Study]) -> Source:
 
 
 def _joined(base: Source, above: Source, study_class: type[Study] | None) -> Source:
-    """Return the study `above`, completed by the keys of `base` that it does not replace."""
+    """Merge the study `above` with the study `base`. Values in `above` replace values in `base`."""
     base = replace(base, data=copy.deepcopy(base.data))
     for path, name in list(file_names(study_class, base.data)) if study_class else ():
         if not name.startswith((PVLIB, "~")) and not pathlib.Path(name).is_absolute():
@@ -202,16 +203,16 @@ def load(
     path : path
         The study file.
     registry : mapping of str to type of Study
-        The study class of each family, by name.
+        Study class of each family, by the name of the family.
     changes, named
-        Changed keys, as in `changed`.
+        Values by dotted key, and the text for messages about these values; see `changed`.
     check : bool
         If True, check the relations between blocks and the files of the study.
 
     Returns
     -------
     Study
-        Validated and frozen study, an instance of the study class of its family.
+        Validated, immutable study, an instance of the study class of its family.
 
     Raises
     ------
@@ -224,10 +225,10 @@ def load(
 def load_mapping(
     data: Mapping[str, Any], registry: Mapping[str, type[StudyT]], changes: Mapping[str, Any] | None = None
 ) -> StudyT:
-    """Create a study from a mapping. File names are relative to the working directory.
+    """Create a study from a mapping. Relative file names start at the working directory.
 
-    The mapping has the structure of a study file (see :func:`load`). Values may also be NumPy, pandas or xarray arrays
-    and numbers, ranges, dates and paths.
+    The mapping has the structure of a study file (see :func:`load`). Values may also be ranges, dates, paths, and
+    arrays or numbers of NumPy, pandas and xarray.
 
     Raises
     ------
@@ -248,7 +249,7 @@ def validated(
     named: str = "",
     check: bool = True,
 ) -> StudyT:
-    """Change keys of a study, and return it validated. Raises a StudyError that lists all problems."""
+    """Return the validated study with changed keys. Raises a StudyError that lists all problems."""
     source = changed(source, changes, named) if changes else source
     problems, family, names = list(source.problems), source.data.get("family"), [*registry]
     if family not in names:
@@ -282,7 +283,7 @@ def validated(
 def _merged(
     below: dict[str, Any], given: dict[str, Any], at: Path, is_block: Callable[[Path], bool], replaced: set[Path]
 ) -> dict[str, Any]:
-    """Return a block merged with other keys. A null value removes a key. Replaced paths are added to `replaced`."""
+    """Merge keys into a block. A null value removes a key. Replaced paths are added to `replaced`."""
     together = dict(below)
     if at == ("layout",) and {*SOURCES} & {*given}:  # a different kind of layout
         together = {key: value for key, value in below.items() if key not in (*SOURCES, *GROUND) or key in given}
@@ -334,7 +335,7 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
 
 
 def _repeats(study: Study) -> Iterator[Problem]:
-    """Yield a problem for each value that is repeated together with the values of all keys tied to it by `zip`."""
+    """Yield a problem for each swept dimension that has equal values of all its keys at two points."""
     for dim in study.dimensions():
         lists = {key: sweep.items() for key, sweep in dim.sweeps.items() if sweep.form is None}
         if len(lists) < len(dim.sweeps):
@@ -348,7 +349,7 @@ def _repeats(study: Study) -> Iterator[Problem]:
 
 
 def _same_files(study: Study) -> Iterator[Problem]:
-    """Yield a problem for each file listed under two names, because the names would be equal in a saved study."""
+    """Yield a problem for each file that a list contains under two names, which would be equal in a saved study."""
     for key, names in study.files().items():
         places = [(os.path.realpath(path.parent), path.name) for path in map(study.resolve, names)]
         for position, place in enumerate(places):
@@ -363,12 +364,12 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
             if not os.path.isfile(named_in(source.directory, name)):  # noqa: PTH113 -- False for invalid names
                 hint = "; write folders with '/'" if "\\" in name else ESCAPED if set("\n\t\r") & set(name) else ""
                 yield source.problem(path, f"no such file, relative to the study file{hint} (got {shown(name)})")
-        except StudyError as error:  # a home folder that does not exist
+        except StudyError as error:  # the name contains an unknown home folder
             yield source.problem(path, error.problems[0].message)
 
 
 def _refuse(problems: Iterable[Problem]) -> None:
-    """Raise a StudyError if there are problems, and list the first ones by their positions."""
+    """Raise a StudyError if there are problems. The error lists the first problems, sorted by position."""
     ordered = sorted(problems, key=lambda one: (one.unlisted > 0, one.file, one.line or 0, one.column or 0, one.key))
     if len(ordered) > MAX_PROBLEMS:
         rest = sum(problem.unlisted or 1 for problem in ordered[MAX_PROBLEMS:])

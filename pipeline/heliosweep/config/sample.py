@@ -1,9 +1,10 @@
-"""Draws of a study: the block `sample`, the design of the draws and its points in the unit cube.
+"""Define the block `sample`, and compute the design of the draws as points in the unit cube.
 
 A design has one row for each draw and one column for each drawn key. In the designs `sobol` and `random`, draw k
 depends only on the seed and on k. The first draws of a longer sample therefore equal a shorter sample. Draw k of
-`sobol` belongs to sequence k modulo 8 of eight Sobol sequences, which are scrambled independently [1]_. The spread of
-the eight sequence means gives the error of their mean. A single sequence does not give this error [2]_.
+`sobol` belongs to sequence k modulo 8 of eight Sobol sequences, which are scrambled independently [1]_. The scatter of
+the means of the eight sequences is used to estimate the error of the overall mean. A single sequence provides no error
+estimate [2]_.
 
 References
 ----------
@@ -45,7 +46,7 @@ MORRIS, LOCAL = "morris", "local"
 
 @dataclass(frozen=True)
 class Design:
-    """Design of the draws of a study, given as probabilities.
+    """Design of the draws of a study, in terms of probabilities.
 
     Parameters
     ----------
@@ -58,7 +59,8 @@ class Design:
     groups : tuple of int
         Index of the sensitivity parameter to which each drawn key belongs.
     sensitivity : {"", "sobol", "morris", "local"}
-        Saltelli's design, trajectories of elementary effects, or single steps. Empty without sensitivity analysis.
+        Saltelli's design, trajectories of elementary effects, or single steps; empty if there is no sensitivity
+        analysis.
     factor : tuple of tuple of float
         Cholesky factor of the correlation of the keys, row by row; empty for independent keys.
     """
@@ -90,7 +92,7 @@ class Design:
 
 @lru_cache(maxsize=4)
 def _draws(design: Design) -> NDArray[np.float64]:
-    if design.sensitivity == LOCAL:  # medians of all keys, then each parameter one deviate down and up
+    if design.sensitivity == LOCAL:  # medians, then one standard deviate down and up for each parameter
         steps = np.full((len(design), len(design.groups)), 0.5)
         for key, parameter in enumerate(design.groups):
             steps[2 * parameter + 1 : 2 * parameter + 3, key] = scipy.special.ndtr([-1.0, 1.0])
@@ -106,8 +108,8 @@ def _draws(design: Design) -> NDArray[np.float64]:
         )
     if not design.sensitivity:
         return points
-    # Rows of a base point: all keys from the first half; for each parameter, a row with its keys from the second half;
-    # finally, all keys from the second half.
+    # The first row of a base point contains the first half of the columns, and the last row contains the second half.
+    # In each other row, the second half replaces the first half for the keys of one parameter.
     first, second = (np.repeat(half, design.rows, axis=0) for half in np.split(points, 2, axis=1))
     row = np.tile(np.arange(design.rows), design.size)[:, np.newaxis]
     return np.where((np.array(design.groups) == row - 1) | (row == design.rows - 1), second, first)
@@ -125,7 +127,7 @@ def _points(design: Design, columns: int) -> NDArray[np.float64]:
     for sequence in range(REPLICATES):
         engine = qmc.Sobol(columns, rng=np.random.default_rng([design.seed, sequence]))
         points[sequence::REPLICATES] = engine.random(design.size // REPLICATES)
-    return points + LEAST  # in the middle of a step, so never 0
+    return points + LEAST  # the middle of a step, so that a draw is never 0
 
 
 def levels(design: Design) -> NDArray[np.float64]:
@@ -135,7 +137,7 @@ def levels(design: Design) -> NDArray[np.float64]:
 
 
 def problem(design: Design) -> dict[str, object]:
-    """Return the definition of the problem for SALib."""
+    """Return the problem definition that SALib requires."""
     names = [f"{number:05}" for number in range(len(design.groups))]
     groups = [f"{group:05}" for group in design.groups] if design.parameters < len(names) else None
     return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names), "groups": groups}
@@ -211,7 +213,7 @@ class Sample(Block):
     statistics: Annotated[SampleStatistics, Field(description="Stored statistics of the draws")] = SampleStatistics()
 
     def rules(self) -> Iterator[Fault]:
-        """Check the size and the design, and that every given key is used."""
+        """Check the size and the design of the sample, and that the design uses every given key."""
         kind, size = self.sensitivity, self.size
         purpose, own_design = f"cannot be used with 'sensitivity: {kind}'", kind in (MORRIS, LOCAL)
         wrong = (
@@ -241,7 +243,7 @@ def drawn_keys(study: Study) -> dict[str, Drawn]:
 
 
 def columns_of(study: Study) -> dict[str, str]:
-    """Return, for each drawn key, the key of its design column: the first of the keys tied to it by `zip`."""
+    """Map each drawn key to the key of its design column: the first of the keys that `zip` ties together."""
     keys = list(drawn_keys(study))
     first = {key: min(group, key=keys.index) for group in study.tied_keys() if group[0] in keys for key in group}
     return {key: first.get(key, key) for key in keys}
@@ -278,7 +280,7 @@ def sample_problems(study: Study) -> Iterator[Problem]:
 
 
 def _group_problems(study: Study, sample: Sample, columns: Mapping[str, str]) -> Iterator[Problem]:
-    """Yield a problem for each wrong group, and for each correlated or grouped key that is not drawn or is tied."""
+    """Yield a problem for each invalid group, and for each correlated or grouped key that is tied or not drawn."""
     drawn = list(dict.fromkeys(columns.values()))
     members = {f"groups.{name}[{j}]": key for name, keys in sample.groups.items() for j, key in enumerate(keys)}
     pairs = {f"correlation[{i}][{j}]": str(pair[j]) for i, pair in enumerate(sample.correlation) for j in (0, 1)}
@@ -297,7 +299,7 @@ def _group_problems(study: Study, sample: Sample, columns: Mapping[str, str]) ->
 def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | None:
     """Return the rows of the Cholesky factor of the correlation matrix of the keys.
 
-    The result is empty if no correlation is given, and None if the matrix is not positive definite.
+    The tuple is empty if the study gives no correlation. The result is None if the matrix is not positive definite.
     """
     matrix = np.eye(len(keys))
     for first, second, correlation in sample.correlation:

@@ -15,7 +15,7 @@ from heliosweep.config.values import Numbers, Parameter, Samples, Schema
 
 
 def json_schema(study_class: type[Study]) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of the study files of a family for editors, with units and descriptions.
+    """Return the JSON Schema (draft 2020-12) of a family's study files for text editors, with units and descriptions.
 
     The schema requires no key, because searches and included files may supply keys. `load` reports missing keys.
     """
@@ -27,7 +27,7 @@ def json_schema(study_class: type[Study]) -> dict[str, Any]:
 
 
 class _StudySchema(GenerateJsonSchema):
-    """Schema generator that omits null and missing defaults, because study files do not contain them."""
+    """Schema generator that omits null and missing defaults, because study files do not contain such values."""
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
@@ -47,17 +47,17 @@ class Key:
     name : str
         Dotted key, with ``[]`` instead of the index of a list entry.
     meaning, unit : str
-        Description, and the unit of numbers that are given without one.
+        Description of the key, and the unit of numbers written without a unit.
     options : tuple of (str, str)
         Allowed names with their meanings.
     value, default : str
-        Description of the allowed values, and the default in YAML; empty if there is none.
+        Description of the allowed values, and the default in YAML (empty if there is no default).
     required : bool
         True if the key is required in its block.
     swept, sampled : bool
-        True if the value can be swept; True if its values are instants over which results are averaged.
+        True if the value can be swept, and True if the values are instants over which results are averaged.
     only : str
-        Kinds of the block that have this key, if other kinds do not.
+        Kinds of the block that have this key; empty if all kinds have the key.
     """
 
     name: str
@@ -151,7 +151,7 @@ def _number(value: float, unit: str = "") -> str:
 
 
 def _form_text(form: Schema, unit: str = "") -> str:
-    """Describe a part of a JSON Schema in words. Returns an empty string for a number with its unit."""
+    """Describe a part of a JSON Schema in words. Returns an empty string for a number with a unit."""
     kind = form.get("type")
     if names := form.get("enum", [form["const"]] if "const" in form else []):
         return ", ".join(f"`{name}`" for name in names)

@@ -56,7 +56,7 @@ class Extent(Parameter):
     """Values of a searched key, ``[low, high]`` or ``{choice: [...]}``, before conversion to the unit of the key."""
 
     def read(self, raw: Any) -> Any:
-        """Return bounds as a tuple, and choices as a mapping. Raises Invalid."""
+        """Return bounds as a tuple, or choices as a mapping. Raises Invalid."""
         if not isinstance(raw, Mapping):
             if not isinstance(raw, list | tuple) or len(raw) != 2:
                 raise Invalid(f"must be the minimum and the maximum: {_FORM}")
@@ -73,13 +73,13 @@ class Extent(Parameter):
 
 
 class Limit(Block):
-    """Bounds of a result, in its unit."""
+    """Bounds of a result, in the unit of the result."""
 
     at_least: Annotated[float | None, Quantity("Minimum of the result, in its unit", "1", sweep=False)] = None
     at_most: Annotated[float | None, Quantity("Maximum of the result, in its unit", "1", sweep=False)] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there is a bound, and that two bounds are in ascending order."""
+        """Check that there is at least one bound, and that the minimum does not exceed the maximum."""
         if self.at_least is None and self.at_most is None:
             yield Fault("give 'at_least', 'at_most' or both", show_value=False)
         elif self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
@@ -149,10 +149,10 @@ def searchable(block: type[Block], prefix: str = "") -> dict[str, Parameter]:
 
 
 def with_search(source: Source, study_class: type[Study], problems: list[Problem]) -> Source:
-    """Return a study whose searched keys have a start value, and bounds in their unit.
+    """Return a study in which each searched key has a start value, and bounds in the unit of the key.
 
-    If a searched key has no value, the search starts at the middle of its bounds, or at the first choice. Problems
-    with keys are added to `problems`.
+    If a searched key has no value, the search starts at the middle of its bounds, or at the first choice. Problems with
+    searched keys are added to `problems`.
     """
     try:
         extents = {str(key): Extent("").read(raw) for key, raw in source.data["search"]["over"].items()}
@@ -177,7 +177,7 @@ def with_search(source: Source, study_class: type[Study], problems: list[Problem
 
 
 def _read(declared: Parameter, extent: Any) -> tuple[Any, Any]:
-    """Return bounds or choices in the unit of their key, and the start value of a search. Raises Invalid."""
+    """Return the bounds or choices in the unit of the key, and the start value of the search. Raises Invalid."""
     one = replace(declared, sweep=False)
     if isinstance(extent, dict):
         read = read_mapping(extent, {"choice": lambda values: list(read_items(values, one.read))}, (), _FORM)

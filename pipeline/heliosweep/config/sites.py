@@ -1,7 +1,8 @@
-"""Blocks for sites, weather and limits of operation; sites from tables and weather files.
+"""Define the blocks for sites, weather and operating limits, and read sites from tables and weather files.
 
 If a site is given as a weather file (``site: {file: x.epw}``, ``sites: [{file: a.epw}, ...]``), the site data in its
-header replace the file name before the study is checked. Only the header is part of the study's identity.
+header replace the file name before the study is checked. Only the header of a weather file is part of the study's
+identity.
 """
 
 from __future__ import annotations
@@ -249,12 +250,12 @@ _COLUMNS = {
 
 
 def site_table(study: Study) -> tuple[NamedSite, ...]:
-    """Return the sites of a study in order; an empty tuple if the study has a single ``site``.
+    """Return the sites of a study in order. The tuple is empty if the study has a single ``site``.
 
     Raises
     ------
     StudyError
-        If the table cannot be read. The message lists every wrong cell with its line.
+        If the table cannot be read. The message lists every invalid cell with its line.
     """
     sites: Any = getattr(study, "sites", None)
     if not isinstance(sites, SiteFile):
@@ -292,13 +293,13 @@ def site_notes(study: Study) -> Iterator[str]:
 
 
 def places_of(study: Study) -> tuple[Site | NamedSite, ...]:
-    """Return the site or the sites of a study in order; empty if it has none. Raises the errors of `site_table`."""
+    """Return all sites of a study in order. The tuple is empty if there are none. Raises StudyError."""
     single: Site | None = getattr(study, "site", None)
     return site_table(study) if single is None else (single,)
 
 
 def with_sites(study: Study) -> Study:
-    """Return the study with the sites of its table instead of the file name, so that the file is not read again."""
+    """Return the study with the sites instead of their table, so that the file is not read again."""
     table = site_table(study)
     return study.model_copy(update={"sites": table}) if table else study
 
@@ -317,9 +318,9 @@ def civil_clock_problems(study: Study) -> Iterator[Problem]:
 
 
 def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
-    """Replace names of weather files in the sites of a study by the site data in these files.
+    """Replace weather files in the sites of a study by the site data in their headers.
 
-    Problems with files are added to `problems`. A dummy site replaces a file that has problems.
+    Problems with weather files are added to `problems`. A dummy site replaces each weather file with problems.
     """
     site, sites = source.data.get("site"), source.data.get("sites")
     new: dict[str, Any] = {}
@@ -335,10 +336,10 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
 
 
 def _filled(source: Source, entry: Any, place: Path, problems: list[Problem]) -> Any:
-    """Return the site of an entry from the header of its file. Other keys of the entry have priority."""
+    """Return the site in the header of the entry's weather file. Keys of the entry replace data of the header."""
     if not (isinstance(entry, dict) and "file" in entry):
         return entry
-    # A dummy site, so that no further problems are reported.
+    # Use a dummy site, so that no further problems are reported.
     site: dict[str, Any] = {"name": f"site {place}", "latitude": 0.0, "longitude": 0.0, "timezone": "+00:00"}
     name, message = entry["file"], ""
     try:

@@ -61,7 +61,7 @@ class Source:
     path : pathlib.Path or None
         The study file; None for a study built in Python.
     places : mapping of path to two Place
-        Positions of the key and of the value at each path. Both positions are equal for entries of lists.
+        Positions of the key and of the value at each path; both positions are equal for entries of lists.
     problems : tuple of Problem
         Problems that did not prevent reading the file, such as duplicate keys.
     bases : tuple of pathlib.Path
@@ -76,7 +76,7 @@ class Source:
 
     @property
     def directory(self) -> pathlib.Path:
-        """Folder to which the file names of the study are relative; the working directory if the study has no file."""
+        """Folder of the study file (default: working directory), at which relative file names start."""
         return self.path.parent if self.path else pathlib.Path()
 
     def value(self, path: Path) -> Any:
@@ -85,7 +85,7 @@ class Source:
         return reduce(getitem, path, data)
 
     def path_of(self, key: str) -> Path:
-        """Return the path of a key in the notation of messages, ``sites[0].latitude`` or ``sites.0.latitude``."""
+        """Return the path of a key that is written as ``sites[0].latitude`` or ``sites.0.latitude``."""
         path: list[str | int] = []
         value: Any = self.data
         for part in key.replace("[", ".").replace("]", "").split("."):
@@ -162,17 +162,17 @@ def text_of(path: pathlib.Path, name: str, most_bytes: int = 64 * 2**20, *, old:
 
 
 def from_python(value: Any) -> Any:
-    """Convert a study built in Python to the plain data of a study file.
+    """Convert the values of a study built in Python to plain data, as read from a study file.
 
-    NumPy, pandas and xarray arrays and numbers, ranges and paths become lists, numbers, mappings and strings. Other
-    values are returned unchanged.
+    Arrays become lists, numbers of NumPy become Python numbers, ranges and tables of pandas become mappings, and paths
+    become strings. Other values are returned unchanged.
     """
     if isinstance(value, Mapping):
         # In a file, {2: [0, -1]} has the key '2'.
         return {str(key) if type(key) is int else key: from_python(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
         return [from_python(entry) for entry in value]
-    if isinstance(value, range):  # not expanded, because it may be long
+    if isinstance(value, range):  # not expanded, because a range may be long
         return {"start": value[0], "stop": value[-1], "num": len(value)} if value else []
     if isinstance(value, os.PathLike):
         return os.fspath(value)
@@ -208,7 +208,7 @@ def parse(text: str, path: pathlib.Path) -> Source:
 
 
 def dotted(path: Path) -> str:
-    """Return a path in the notation of messages: ``sites[0].latitude``."""
+    """Format a path for messages, as in ``sites[0].latitude``."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{in_short(str(part))}" for part in path).lstrip(".")
 
 

@@ -1,4 +1,4 @@
-"""The study as a whole: blocks common to all families, swept parameters and identity."""
+"""Model of a study: the blocks common to all families, the swept parameters and the study id."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Dimension:
     Parameters
     ----------
     name : str
-        Name of the dimension: for tied parameters, the name of the first; for drawn parameters, ``sample``.
+        Name of the dimension: the first of the tied parameters, or ``sample`` for drawn parameters.
     sweeps : mapping of str to Sweep
         Swept values by dotted key, all of equal length.
     """
@@ -53,7 +53,7 @@ class Dimension:
 class Study(Block):
     """A validated study. A family derives a class, sets `family` to ``Literal["its name"]`` and adds blocks."""
 
-    #: Keys that never change a number and are therefore not part of the study's identity.
+    #: Keys that do not affect the numbers of a result and are therefore not part of the study's identity.
     DOES_NOT_MATTER: ClassVar = ("title", "description", "references", "dataset", "execution", "output", "report")
 
     family: Annotated[str, Text("Name of the study family")]
@@ -98,7 +98,7 @@ class Study(Block):
         return copied
 
     def examinations(self) -> Iterable[Callable[[Any], Iterable[Problem | str]]]:
-        """Return the functions that check the study. They yield problems of blocks and files, and warnings.
+        """Return functions that check the study and yield problems and warnings.
 
         Each function is called once, regardless of the results of the other functions. Warnings are strings.
         """
@@ -106,7 +106,7 @@ class Study(Block):
 
     @cached_property
     def _findings(self) -> tuple[Problem | str, ...]:
-        found: dict[Problem | str, None] = {}  # reports a problem once if two checks find it
+        found: dict[Problem | str, None] = {}  # a problem that two checks find is reported once
         for key, _, value in self.parameters():
             if isinstance(value, Drawn) and value.cut:
                 ends = " to ".join(f"{end:.6g}" if abs(end) > 1e-300 else "0" for end in value.parts[2:])
@@ -125,7 +125,7 @@ class Study(Block):
         return tuple(found)
 
     def check(self) -> Iterable[Problem]:
-        """Return the conflicts between blocks and the problems of files. Called only if every block is valid."""
+        """Return the conflicts between blocks and the problems with files, if every block is valid."""
         return [one for one in self._findings if isinstance(one, Problem)]
 
     def notes(self) -> Iterable[str]:
@@ -134,11 +134,11 @@ class Study(Block):
 
     @property
     def source(self) -> Source:
-        """Contents of the study file, with ``.path`` and ``.directory``."""
+        """Contents of the study file, with its path and its folder."""
         return self._source
 
     def resolve(self, name: str) -> pathlib.Path:
-        """Return the path of a file of the study, whose name is relative to the study file."""
+        """Return the path of a file of the study. Relative names start at the folder of the study file."""
         return named_in(self._source.directory, name)
 
     def problem(self, key: str, message: str) -> Problem:
@@ -158,14 +158,14 @@ class Study(Block):
         Returns
         -------
         Study
-            New study with its own id. Relative file names refer to the folder of the original study.
+            New study with its own id. Relative file names start at the folder of the original study file.
 
         Raises
         ------
         StudyError
             If the study is invalid. The message lists all problems with their keys.
         """
-        # Imported by name, because all import statements of this module affect the identity of the numerical code.
+        # Import the API by name, because import statements in this module affect the identity of the numerical code.
         changed: Self = import_module("heliosweep.api").load(self, {**(changes or {}), **keys})
         return changed
 
@@ -177,7 +177,7 @@ class Study(Block):
     def parameters(self) -> tuple[tuple[str, Parameter, Any], ...]:
         """Return the dotted key, declaration and value of each given parameter, in the order of declaration."""
         given: tuple[tuple[str, Parameter, Any], ...] = self.__dict__.get("_given") or tuple(parameters(self))
-        self.__dict__["_given"] = given  # cached, because each chunk of a run needs it; copies do not keep it
+        self.__dict__["_given"] = given  # cached, because each chunk needs the parameters; copies drop the cache
         return given
 
     def sweeps(self) -> dict[str, Sweep]:
@@ -194,7 +194,7 @@ class Study(Block):
         return {key: declared[key].dimension or key.rpartition(".")[2] for key in self.sweeps()}
 
     def tied_keys(self) -> list[list[str]]:
-        """Return the groups of `zip` as dotted keys."""
+        """Return the groups of dotted keys that `zip` ties together."""
         names = self.dimension_names()
         key_of = {name: key for key, name in names.items()} | {key: key for key in names}
         return [[key_of[entry] for entry in group] for group in self.zip]
@@ -221,8 +221,8 @@ class Study(Block):
     def canonical(self) -> dict[str, Any]:
         """Return the inputs that determine numbers and labels of the result, independent of notation.
 
-        File contents replace file names. The names, without folders, are included only if files are swept, because
-        they are then labels of the result.
+        File contents replace file names. File names, without folders, are included only if files are swept, because
+        swept file names label the result.
 
         Raises
         ------
@@ -277,8 +277,7 @@ class Study(Block):
         Parameters
         ----------
         relative_to : Path, optional
-            Folder in which the text will be saved. File names are then written relative to this folder; otherwise they
-            are not changed.
+            Folder in which the text will be saved. File names are written relative to this folder (default: unchanged).
         """
         if relative_to is None:
             return yaml_text(self.resolved())
@@ -313,7 +312,7 @@ class Study(Block):
 
 
 def id_of(canonical: Mapping[str, Any]) -> str:
-    """Return the study id that follows from the inputs in `Study.canonical`."""
+    """Compute the study id from the inputs that `Study.canonical` returns."""
     text = json.dumps(canonical, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -341,7 +340,7 @@ def replaced(block: Any, key: str, value: Any) -> Any:
 
 
 def plain(value: Any, rewrite: Callable[[Parameter | None, Any], Any] = lambda _, entry: entry) -> Any:
-    """Return a block or value as plain data for a study file, without keys that are not given.
+    """Return a block or value as plain data for a study file; unset keys are omitted.
 
     `rewrite` takes the declaration of a field and its value, and returns the replacement.
     """
@@ -366,7 +365,7 @@ def yaml_text(content: Mapping[str, Any]) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML writer for the strict reader. It writes no aliases, and quotes strings that look like numbers."""
+    """YAML writer for the strict reader: no aliases, and quotes around strings that look like numbers."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

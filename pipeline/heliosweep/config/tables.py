@@ -52,14 +52,14 @@ def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[lis
     rows : sequence of list of str
         Cells without the header.
     separator : str
-        Separator of the cells. If it is a comma, numbers cannot have decimal commas.
+        Separator of the cells. With commas as separators, numbers cannot have decimal commas.
 
     Returns
     -------
     rows : sequence of list of str
         Rows in which numbers have decimal points.
     problem : tuple of int and str, or None
-        Index of the row and message, if points and commas are mixed.
+        Index of the row with an ambiguous number, and a message; None if no number is ambiguous.
     """
     cells = [(at, cell.strip()) for at, row in enumerate(rows) for cell in row] if separator != "," else []
     commas = [place for place in cells if "," in place[1] and _COMMA.fullmatch(place[1])]
@@ -76,7 +76,7 @@ def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[lis
 
 
 def split_title(title: str) -> tuple[str, str]:
-    """Return the name in a title and the text in brackets after it, as in ``X Position (m)`` or ``x [m]``."""
+    """Split a title such as ``X Position (m)`` or ``x [m]`` into the name and the text in brackets."""
     found = re.fullmatch(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]+\s*", title)
     return (found.group(1), found.group(2).strip()) if found else (title, "")
 
@@ -167,7 +167,7 @@ class Column:
     Parameters
     ----------
     meaning : str
-        Meaning, with the unit.
+        Meaning of the column, with the unit.
     required : bool
         True if every table must have the column.
     least, most : float
@@ -175,11 +175,12 @@ class Column:
     bounds : str
         Text of the bounds as the end of a sentence: ``between -1e6 and 1e6 m``.
     read : callable, optional
-        Function that converts a cell that is not a number. It raises a ValueError with the end of a message.
+        Function that converts a cell that is not a number. The function raises a ValueError for an invalid cell, with
+        the end of a message.
     dtype, missing : object
         Type of the array, and its value for invalid cells.
     names : tuple of str
-        Other names of the column in titles, in the form of `variable_name`.
+        Alternative names of the column in titles, in the form that `variable_name` returns.
     units : tuple of str
         Other units that are allowed in a title. `Table.units` contains the unit in the file.
     scale, offset : float
@@ -201,7 +202,7 @@ class Column:
 
 
 class Table:
-    """The rows of a table, and their problems.
+    """Rows of a table, and the problems found in them.
 
     Parameters
     ----------
@@ -210,13 +211,13 @@ class Table:
     lines : tuple of list
         Numbers (counted from 1) and texts of the lines that are neither empty nor comments. The first is the header.
     rows, needs : str
-        Words for messages: a noun for the rows, and the contents that an empty file lacks.
+        Words for messages: a noun for the rows, and the required contents of the file.
     most_rows : int, optional
         Maximum number of rows.
     separator : str, optional
         Separator of the cells (default: the separator of the header).
     most_listed : int
-        Maximum number of problems listed per column or, if it is 1, per cause.
+        Maximum number of problems listed for each column or, if the maximum is 1, for each cause.
 
     Raises
     ------
@@ -237,7 +238,7 @@ class Table:
     ) -> None:
         self.name, self._what, self._most = name, rows, most_listed
         self._numbers, self._texts = lines
-        # the first line may state the separator for Excel
+        # the first line may specify the separator for Excel
         told = re.fullmatch(r' *"?sep=([;,\t])"?[;,\t]* *', next(iter(self._texts), ""))
         if told:
             self._numbers, self._texts = self._numbers[1:], self._texts[1:]
@@ -257,7 +258,7 @@ class Table:
             self.fail(problem[1], self._numbers[problem[0] + 1])
         self.header = [cell.strip() for cell in header]
         width = max((at for at, title in enumerate(self.header, 1) if title), default=0)
-        if not any(cell.strip() for row in self._rows for cell in row[width:]):  # padding by some services
+        if not any(cell.strip() for row in self._rows for cell in row[width:]):  # empty cells at the ends of rows
             self.header, self._rows = self.header[:width], [row[:width] for row in self._rows]
         self._kept = list(range(len(self._rows)))
 
@@ -273,7 +274,7 @@ class Table:
         """Record problems with the titles. `columns` are the declared columns; `others` allows further columns."""
         self._columns = columns
         self._rename_titles(columns)
-        meant: set[str | None] = set()  # columns with a typo are not recorded as missing
+        meant: set[str | None] = set()  # columns with misspelt titles are not recorded as missing
         for position, key in enumerate(self.header):
             if key in self.header[:position] and (key in columns or not (others and columns)):
                 self.add(f"has two columns {key!r}; remove one", HEADER, position)
@@ -324,7 +325,7 @@ class Table:
         return [self._rows[row][position].strip() for row in self._kept]
 
     def column(self, key: str) -> NDArray[Any]:
-        """Return a column according to its declaration, and record invalid cells."""
+        """Return the values of a column as declared, and record invalid cells."""
         column, texts = self._columns[key], self.texts(key)
         if column.read is None:
             values = numbers(texts) * column.scale + column.offset
@@ -353,12 +354,12 @@ class Table:
     def add(self, message: str, row: int | None = None, column: str | int | None = None, key: str = "") -> None:
         """Record a problem of the table, of a row, or of a cell.
 
-        `message` is the end of a sentence that begins with the position, and with `key` if given. `row` is counted from
-        0, or is `HEADER`. `column` is a name or a position.
+        `message` is the end of a sentence that begins with the position of the problem, and with `key` if given. `row`
+        is an index from 0, or `HEADER`. `column` is the name or the index of a column.
         """
         cause = self.header[column] if isinstance(column, int) else column or key
         if self._most == 1:
-            cause = re.sub(r" \(got .*?\)|[\d,.]+", "", message)  # without numbers, which differ between rows
+            cause = re.sub(r" \(got .*?\)|[\d,.]+", "", message)  # numbers are removed because they differ between rows
         self._found[cause] += 1
         if self._found[cause] > self._most:
             return
@@ -372,7 +373,7 @@ class Table:
         self._problems.append((cause, Problem(message, key, self.name, line, place)))
 
     def finish(self) -> None:
-        """Raise a StudyError if there are problems. It lists the first ones and states the number of the others."""
+        """Raise a StudyError if there are problems. The error lists the first problems and counts further problems."""
         if self._problems and self._most == 1:
             counts = [self._found[cause] - 1 for cause, _ in self._problems]
             more = (f", and also in {count:,} more rows" * (count > 0) for count in counts)
@@ -427,11 +428,12 @@ def read_table(
     most_bytes : int, optional
         Maximum size of the file. [bytes]
     rows, most_rows, needs
-        As in `Table`.
+        Words for messages and maximum number of rows, as in `Table`.
     also : callable, optional
         Function that records further problems of the header.
     titles : mapping of str to str, optional
-        Titles that the file uses for declared columns. Other columns of the file may have the declared names as titles.
+        Titles that the file uses for declared columns, by column name. The declared names may be titles of other
+        columns.
 
     Raises
     ------
@@ -507,7 +509,8 @@ def read_profile(path: Path, name: str) -> SunProfile:
     Raises
     ------
     StudyError
-        If the file cannot be read or is not such a table. The message lists each problem with its line.
+        If the file cannot be read or is not a table of angles and brightness. The message lists each problem with its
+        line.
     """
     table = read_table(path, name, _COLUMNS, rows="angles", most_rows=10_000)
     angle, brightness = (table.column(key) for key in _COLUMNS)

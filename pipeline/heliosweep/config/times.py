@@ -1,7 +1,7 @@
 """The block `time`: instants on the solar, civil or weather clock, or directions of the sun; time zones.
 
-The package `tzdata` supplies all named zones. The files of the system are not used, because they differ between
-machines.
+The package `tzdata` supplies all named time zones. Time zone files of the operating system are not used, because they
+differ between machines.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ OFFSET = re.compile(r"[+-]([0-9]{2}):([0-9]{2})")
 
 @cache
 def zone_names() -> frozenset[str]:
-    """Return the names of all zones, including older names."""
+    """Return the names of all time zones, including older names."""
     return frozenset(zoneinfo.available_timezones())
 
 
@@ -63,7 +63,7 @@ def offset_text(hours: float) -> str:
 
 
 def suggestion(text: str) -> str:
-    """Return the offset or the zones that an unknown name may refer to (``UTC+2``, ``Berlin``), or an empty string."""
+    """Return a hint to the offset or time zones meant by an unknown name, such as ``UTC+2`` or ``Berlin``, or ""."""
     loose = r"(?:UTC|GMT)? *([+\u2212-]?) *([0-9]{1,2})(?::?([0-5][0-9]))? *h?"
     if (found := re.fullmatch(loose, text.strip(), re.IGNORECASE)) and int(found[2]) <= 14:
         hours = int(found[2]) + int(found[3] or 0) / 60
@@ -81,15 +81,15 @@ def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.da
     Parameters
     ----------
     walls : ndarray of datetime64[s], shape (n,)
-        Times on the wall clock, in the order of their file.
+        Times on the wall clock, in the order of the file.
     zone : datetime.tzinfo
         Time zone from `parse_timezone`.
 
     Returns
     -------
     ndarray of datetime64[s], shape (n,)
-        Universal time. If the clock is set back, the second row with the same wall time is the later instant. A time
-        that the clock skips has the offset before the change.
+        Universal time. If the clock is set back, the second row with the same wall time is the later instant. For a
+        time that the clock skips, the offset before the change is used.
     """
     if isinstance(zone, dt.timezone):
         return walls - np.timedelta64(zone.utcoffset(None), "s")
@@ -129,7 +129,7 @@ def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime,
     early, late = sorted(wall.replace(tzinfo=zone, fold=fold).astimezone(dt.UTC) for fold in (0, 1))
     if early.astimezone(zone).replace(tzinfo=None) == wall:
         return early, True
-    # offsets of zones change at whole seconds
+    # offsets from universal time change at whole seconds
     seconds_between = range(math.floor(early.timestamp()) + 1, math.ceil(late.timestamp()))
     offset = early.astimezone(zone).utcoffset()
     change = bisect_left(
@@ -171,7 +171,7 @@ class SolarTime(Block):
     sampling: Sampling = "inclusive"
 
     def rules(self) -> Iterable[Fault]:
-        """Check that days and declinations are not both given, and that the sampling suits the range of hours."""
+        """Check that days and declinations are not combined, and that the sampling suits the range of hours."""
         if self.declination is not None and self.days is not None:
             yield Fault("give 'days' or 'declination', not both", ("declination",), show_value=False)
         if self.sampling != "inclusive":
@@ -196,7 +196,7 @@ class SolarTime(Block):
         return self.hours[:-1] if self.sampling == "left" else self.hours.values()
 
     def count(self) -> int:
-        """Return the number of instants, without expanding them."""
+        """Return the number of instants without generating the instants."""
         return len(self.declination or self.days or ()) * (len(self.hours) - (self.sampling != "inclusive"))
 
 
@@ -213,7 +213,7 @@ class DateList:
         return max(*steps, 0) if len(steps) == 1 else 0
 
     def spec(self) -> Any:
-        """Return the dates in the form of a study file; evenly spaced dates are a range."""
+        """Return the dates in the form of a study file; evenly spaced dates become a range."""
         ends = {"start": self.items[0], "stop": self.items[-1], "step": self.step}
         return ends if self.step else list(self.items)
 
@@ -243,7 +243,7 @@ class Dates(Parameter):
 
 
 def wall_time(raw: Any) -> str:
-    """Return a time of day on the wall clock as written, zero-padded. Raises Invalid."""
+    """Return a time of day on the wall clock as ``HH:MM`` or ``HH:MM:SS``. Raises Invalid."""
     match = re.fullmatch(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2}))?", raw) if isinstance(raw, str) else None
     if match is None:
         sunlit = "; 'sunrise' and 'sunset' are for dish_tracking" * (raw in ("sunrise", "sunset"))
@@ -281,7 +281,7 @@ TimeZone = partial(Text, form=time_zone)
 
 
 class Window(Block):
-    """Part of each day, on the wall clock."""
+    """Daily window of instants on the wall clock."""
 
     start: Annotated[str, WallTime("Wall-clock time at which the window begins, HH:MM")]
     stop: Annotated[str, WallTime("Wall-clock time at which the window ends, HH:MM, at most 24:00")]
@@ -326,7 +326,7 @@ Time = Annotated[SolarTime | CivilTime, Field(discriminator="clock", description
 
 
 class SunDirections(Block):
-    """Sun directions instead of instants. They may be swept, and each direction is a point of the result."""
+    """Sun directions instead of instants. The directions may be swept; each direction is a point of the result."""
 
     clock: Literal["sun"]
     azimuth: Annotated[
@@ -362,7 +362,7 @@ TimeOrDirections = Annotated[
 
 
 def seconds_of(wall_time: str) -> float:
-    """Return the seconds after midnight of a wall time, ``HH:MM`` or ``HH:MM:SS``."""
+    """Convert a wall-clock time, ``HH:MM`` or ``HH:MM:SS``, to seconds after midnight."""
     return float(sum(int(part) * unit for part, unit in zip(wall_time.split(":"), (3600, 60, 1), strict=False)))
 
 

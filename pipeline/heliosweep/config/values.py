@@ -1,9 +1,9 @@
-"""Kinds of values in a study file: classes that read, check and describe values; sweeps and units.
+"""Read, check and describe the values of a study file, with their units and sweeps.
 
 Swept values are written as a list ``[0, 15, 30]``, a range ``{start, stop, step}`` or ``{start, stop, num}``, a
 geometric range ``{logspace: {start, stop, num}}``, or a distribution ``{normal: [11, 0.02]}``.
 
-The annotation of a field gives its kind of value::
+The annotation of a field declares the kind of its value::
 
     latitude: Annotated[float | Sweep, Quantity("Latitude, positive north", "deg", ge=-90, le=90)]
     tracking: Annotated[str | Sweep, Choice("Mount of the mirrors", ("spinning_elevation", ...))]
@@ -48,11 +48,11 @@ if TYPE_CHECKING:
 #: Maximum number of values of a sweep.
 MAX_POINTS = 10**6
 _FORMS = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
-_ON_STEP = Decimal("1e-9")  # maximum distance of a stop from the last step, in steps, at which both count as equal
+_ON_STEP = Decimal("1e-9")  # maximum distance between stop and last step that counts as rounding, in steps
 #: Message for a list with equal values.
 TWICE = "the list contains the same value twice"
 ReadNumber = Callable[[Any], float]
-#: A number in the canonical unit of its key, or a string with a unit such as ``"1.2 mrad"``.
+#: A number in the canonical unit of the key, or a string with a unit such as ``"1.2 mrad"``.
 Number: TypeAlias = float | str
 #: Range of swept values as plain data of a study file.
 Swept: TypeAlias = "dict[str, Number | dict[str, Number]]"
@@ -107,7 +107,7 @@ class Sweep:
         return tuple(self.values() if self.holds_names else self.values().tolist())
 
     def ends(self) -> tuple[Any, ...]:
-        """Return all values of a list, or both ends of a range, which is monotonic."""
+        """Return all values of a list, or both ends of a (monotonic) range."""
         return self.items() if self.form is None else (self[0], self[-1])
 
     def spec(self) -> list[Any] | dict[str, Any]:
@@ -168,7 +168,7 @@ def _fraction(number: float) -> Fraction:
 
 
 def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber, repeats: bool = False) -> Sweep:
-    """Read swept numbers in any form. `number` reads one number. Raises Invalid with each fault at its key."""
+    """Read swept numbers in any form. `number` converts a single number. Raises Invalid with each fault at its key."""
     if not isinstance(raw, Mapping):
         return Sweep(read_items(raw, number, repeats))
     if "logspace" not in raw:
@@ -179,7 +179,7 @@ def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber, repea
 
 
 def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = False) -> tuple[Any, ...]:
-    """Read the entries of a non-empty list. They must differ unless `repeats` is True. Raises Invalid."""
+    """Read the entries of a non-empty list. The entries must be different unless `repeats` is True. Raises Invalid."""
     if not raw:
         raise Invalid(Fault("the list is empty: give at least one value", show_value=False))
     values, first = tuple(each(raw, read)), dict[Any, int]()
@@ -249,7 +249,7 @@ def read_mapping(
     Raises
     ------
     Invalid
-        If an entry is wrong. Each fault is located at its key.
+        If an entry is invalid. Each fault is located at the key of the entry.
     """
     if not isinstance(raw, Mapping):
         raise Invalid(f"must be a mapping: {form}")
@@ -274,14 +274,14 @@ def read_mapping(
 def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int | None = None) -> Swept:
     """Return evenly spaced values for a swept key.
 
-    The last value is included if it falls on a step.
+    The value `stop` is included if it falls on a step.
 
     Parameters
     ----------
     start, stop : float or str
         First and last value, in the unit of the key, or with a unit (``"38 ft"``).
     step : float or str, optional
-        Distance between values.
+        Distance between successive values.
     num : int, optional
         Number of values, instead of `step`.
 
@@ -305,8 +305,8 @@ def logspace(start: Number, stop: Number, num: int) -> Swept:
     Parameters
     ----------
     start, stop : float or str
-        First and last value, with the same sign, in the unit of the key or with a unit. They are values, not exponents,
-        as in numpy.geomspace.
+        First and last value, with the same sign, in the unit of the key or with a unit. As in numpy.geomspace, both
+        ends are values, not exponents.
     num : int
         Number of values.
 
@@ -336,9 +336,9 @@ PARTS = {
 }
 KINDS = (*PARTS, DISCRETE)
 RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
-#: Minimum difference of the probability of a draw from 0 and from 1: half a step of the 30-bit sequences. [1]
+#: Minimum distance of a draw's probability from 0 and from 1: half a step of the 30-bit sequences. [1]
 LEAST = 2.0**-31
-#: Maximum probability outside the bounds of a key at which a normal distribution is truncated to the bounds. [1]
+#: Maximum probability outside the bounds of a key for which a normal distribution is truncated to the bounds. [1]
 CUT = 1e-6
 
 
@@ -403,7 +403,7 @@ class Drawn(Sweep):
         return sum(mass for mass in tails if mass > LEAST)
 
     def quantile(self, probability: NDArray[np.float64]) -> NDArray[Any]:
-        """Return the quantiles of the distribution; names are ordered as given."""
+        """Return the quantiles of the distribution; names keep the order of the study file."""
         if self.kind == DISCRETE:
             values = np.array(self.parts, object if self.holds_names else float)
             return values[np.searchsorted(np.cumsum(self.weights)[:-1], probability, side="right")]
@@ -433,7 +433,7 @@ class Drawn(Sweep):
         return f"{self.kind.replace('_', ' ')}: {', '.join(named)}"
 
 
-#: Checks of the parameters of distributions, with the position of the wrong parameter.
+#: Checks of distribution parameters: distributions, condition, index of the invalid parameter, and message.
 _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, str], ...] = (
     ((LOGNORMAL,), lambda v: v[0] > 0, 0, "the median must be greater than 0"),
     ((UNIFORM, TRIANGULAR), lambda v: v[0] < v[-1], 0, "the minimum must be less than the maximum"),
@@ -485,7 +485,7 @@ def read_drawn(
     Raises
     ------
     Invalid
-        If an entry is wrong. Each fault is located at its key.
+        If an entry is invalid. Each fault is located at the key of the entry.
     """
     raw = raw.spec() if isinstance(raw, Drawn) else raw
     readers: dict[str, Callable[[Any], Any]] = {DISCRETE: partial(_discrete, read=checked)}
@@ -517,7 +517,7 @@ def _cut(drawn: Drawn, checked: ReadNumber, low: float, high: float) -> Drawn:
         limit = max(bound, end) if inner > 0 else min(bound, end)
         try:
             checked(limit)
-        except Invalid:  # the key excludes the bound itself
+        except Invalid:  # the bound itself is not an allowed value
             limit = math.nextafter(limit, inner)
         limits.append(float(limit))
     return Drawn(TRUNCATED, (*drawn.parts, *limits), cut=drawn.outside(low, high))
@@ -526,7 +526,7 @@ def _cut(drawn: Drawn, checked: ReadNumber, low: float, high: float) -> Drawn:
 def read_shape(
     kind: str, raw: Any, number: ReadNumber, checked: ReadNumber, *, fixed: bool = False
 ) -> tuple[float, ...]:
-    """Read the parameters of a distribution, see `PARTS`. If `fixed` is True, the width may be zero. Raises Invalid."""
+    """Read the parameters of a distribution (see `PARTS`). The width may be zero if `fixed` is True. Raises Invalid."""
     names = PARTS[kind]
     if not isinstance(raw, list | tuple) or len(raw) != len(names):
         raise Invalid(f"must be {COUNTS[len(names)]} numbers, [{', '.join(names)}]")
@@ -571,7 +571,8 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
 
 
 _DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
-# Factors that convert units to the first unit of their kind. They are decimal, so that "38 ft" is exactly 11.5824 m.
+# Factors that convert units to the first unit of their kind. The factors are decimal, so that "38 ft" is exactly
+# 11.5824 m.
 _KINDS: dict[str, dict[str, Any]] = {
     "a length": {"m": 1, "mm": "0.001", "cm": "0.01", "km": 1000, "in": "0.0254", "ft": "0.3048"},
     "an angle": {
@@ -622,7 +623,7 @@ def _hint(text: str, unit: str) -> str:
 
 
 def expected(unit: str) -> str:
-    """Return the expected input for a quantity: ``an angle in deg, a number or text such as '30 deg'``."""
+    """Describe the expected input for a quantity: ``an angle in deg, a number or text such as '30 deg'``."""
     if unit == "1":
         return "a number"
     examples = {"m": "1.5 m", "deg": "30 deg", "h": "1.5 h", "B": "2 GB", "mrad": "1.2 mrad"}
@@ -640,7 +641,7 @@ def is_unit(text: str) -> bool:
 
 
 def factor(given: str, wanted: str) -> float:
-    """Return the factor from one unit to another. Raises ValueError."""
+    """Return the conversion factor between two units. Raises ValueError if the units are of different kinds."""
     if given not in _KIND_OF or _KIND_OF[given] != _KIND_OF.get(wanted):
         raise ValueError(f"'{given}' cannot be converted to '{wanted}'")
     return float(Decimal(_KINDS[_KIND_OF[given]][given]) / Decimal(_KINDS[_KIND_OF[given]][wanted]))
@@ -653,7 +654,7 @@ Schema = dict[str, Any]
 
 @dataclass(frozen=True)
 class Parameter:
-    """A kind of value, with the properties common to all kinds.
+    """Declaration of a value in a study file, with the properties common to all kinds of values.
 
     Parameters
     ----------
@@ -663,7 +664,7 @@ class Parameter:
         True if a list (for numbers, also a range or a distribution) can replace the value. The parameter is then a
         dimension of the result.
     dimension : str
-        Name of this dimension; empty to use the name of the key.
+        Name of the dimension of a swept value; empty to use the name of the key.
     title, standard_name : str
         Long name and CF standard name (if defined) of the coordinate.
     """
@@ -805,7 +806,7 @@ class Choice(Parameter):
     Parameters
     ----------
     options : mapping of str to str, or sequence of str
-        Names, with their meanings if given.
+        Names, optionally with meanings.
     """
 
     options: Mapping[str, str] | Sequence[str] = field(hash=False)
@@ -813,7 +814,7 @@ class Choice(Parameter):
 
     @property
     def purpose(self) -> str:
-        """Description, with the meaning of each name."""
+        """Description of the choice, with the meaning of each name."""
         if not isinstance(self.options, Mapping):
             return self.description
         return f"{self.description} ({'; '.join(f'{name}: {meaning}' for name, meaning in self.options.items())})"
@@ -841,7 +842,7 @@ class Quantity(Parameter):
     ge, gt, le, lt : float, optional
         Bounds, in `unit`.
     integer : bool
-        True if the number must be an integer; it is then read as int.
+        True if the number must be an integer. The value is then an int.
     repeats : bool
         True if a list tied by `zip` to another key may contain a value twice.
     """
@@ -932,7 +933,7 @@ class Samples(Quantity):
     """
 
     def read(self, raw: Any) -> Sweep:
-        """Return the samples; a single value becomes a list of one value. Raises Invalid."""
+        """Return the samples; a single value becomes a sweep with one value. Raises Invalid."""
         value = super().read(raw)
         return value if isinstance(value, Sweep) else Sweep((value,))
 
@@ -962,7 +963,7 @@ class Numbers(Parameter):
 
     @property
     def purpose(self) -> str:
-        """Description, names and unit."""
+        """Description, names and unit of the numbers."""
         return f"{self.description}, {self.form}"
 
     @property
@@ -994,7 +995,7 @@ class ListOfNumbers(Numbers):
     Parameters
     ----------
     entries : int, optional
-        Number of entries (default: any number of at least one).
+        Number of entries (default: at least one, without a maximum).
     """
 
     entries: int | None = field(default=None, kw_only=True)
@@ -1020,7 +1021,7 @@ class ListOfNumbers(Numbers):
         return tuple(each(enumerate(raw), another))
 
     def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
-        """Yield the faults of an entry of valid numbers."""
+        """Yield the faults of an entry whose single numbers are valid."""
         yield from ()
 
     def _one_schema(self) -> Schema:
@@ -1042,7 +1043,7 @@ class Distribution:
     parts : tuple of float
         Mean and standard deviation, or minimum and maximum, in the canonical unit of the parameter.
     samples, seed : int, optional
-        Number of draws and their seed; None to use the values of the block.
+        Number and seed of the draws; None to use the values of the block.
     """
 
     kind: str
@@ -1074,7 +1075,7 @@ class Uncertain(Quantity):
     """A physical number that is fixed, swept, or drawn from a distribution for each mount.
 
     Bounds apply to numbers and sweeps, to the mean of a normal distribution, and to both ends of a uniform
-    distribution. The standard deviation is limited to the larger bound.
+    distribution. The maximum standard deviation is the larger magnitude of the bounds.
     """
 
     def read(self, raw: Any) -> Any:

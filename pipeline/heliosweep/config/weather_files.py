@@ -1,8 +1,9 @@
 """Weather files: mean direct normal irradiance (DNI) and wind speed over intervals of time.
 
-The time of a row marks a different part of its interval in each format. This module does not use the readers of pvlib,
-because they do not report the line of a wrong row. They also reject hours 0 to 23, names with commas, and a row of
-units. They assign the TMY3 row of 24:00 on 28 February of a leap year to 1 March.
+The time of a row marks the start, middle or end of an interval, depending on the format. This module does not use the
+readers of pvlib, because these readers do not report the line of an invalid row. These readers also reject hours 0 to
+23, names with commas, and a row of units. For TMY3 files, these readers assign the row of 24:00 on 28 February of a
+leap year to 1 March.
 
 References
 ----------
@@ -42,7 +43,7 @@ from heliosweep.config.values import Sweep, ends
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import read_once
 
-#: Maximum irradiance: extraterrestrial at perihelion, for a solar constant of 1366 W/m2. [W/m2]
+#: Maximum irradiance: the extraterrestrial value at perihelion, for a solar constant of 1366 W/m2. [W/m2]
 MOST_DNI = 1412.0
 #: Words in a title or a preamble, and the part of the interval that they indicate.
 _MARKS = {
@@ -111,14 +112,14 @@ FORMATS = (
 
 @dataclass
 class Sheet:
-    """Contents of a weather file before its numbers are read.
+    """Contents of a weather file before the cells are converted to numbers.
 
     Parameters
     ----------
     name, kind : str
         Name of the file in messages, and its format (empty for a table of unknown origin).
     site : dict
-        Name, latitude, longitude, altitude and time zone, if they are in the file.
+        Name, latitude, longitude, altitude and time zone of the site, if the file contains them.
     numbers, texts : list
         Line number and text of the header and of each row.
     titles : list of str
@@ -128,7 +129,7 @@ class Sheet:
     mark : str
         Part of the interval that the time of a row marks; empty if unknown.
     shift : float, optional
-        Offset from the time of a row to its instant, if it is in the file. [h]
+        Offset from the time of a row to the instant of the row, if the file contains this offset. [h]
     """
 
     name: str
@@ -144,7 +145,7 @@ class Sheet:
 
 @read_once(8)
 def parse_weather(path: Path) -> Sheet:
-    """Split a weather file into site, header and rows. Raises StudyError if it is not a weather file."""
+    """Split a weather file into site, header and rows. Raises StudyError if the file is not a weather file."""
     sheet = Sheet(str(path))
     text = text_of(path, sheet.name, old=True)
     if not text.strip():
@@ -154,7 +155,7 @@ def parse_weather(path: Path) -> Sheet:
     else:
         _read_lines(sheet, text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
     marks = {"EPW": "end", "TMY3": "end", "SolarAnywhere": "end", "SAM": "middle", "PVGIS": "middle"}
-    marks |= {"Solargis": "middle", "CAMS": "start", "NASA POWER": "start"}  # unknown for other tables
+    marks |= {"Solargis": "middle", "CAMS": "start", "NASA POWER": "start"}  # other tables do not specify the mark
     sheet.mark = sheet.mark or marks.get(sheet.kind, "")
     return sheet
 
@@ -245,7 +246,7 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
 
 
 def _header_row(lines: Sequence[str]) -> int | None:
-    """Return the index of the first line with titles of both DNI and time, otherwise of one of them, or None."""
+    """Return the index of the first line with titles of DNI and time, otherwise with one of these titles, or None."""
     titles = [_fields(line, separator_of(line)) for line in (_COMMENT.sub("", line) for line in lines[:200])]
     keys = [_keys(row) if len(row) > 1 else set[str]() for row in titles]
     whole = (at for at, found in enumerate(keys) if "dni" in found and found & {"time", "date", "day", "hour"})
@@ -254,7 +255,7 @@ def _header_row(lines: Sequence[str]) -> int | None:
 
 
 def _stated_zone(sheet: Sheet, preamble: str, longitude: float) -> str:
-    """Return the offset from universal time that the service uses, or that a title or a comment states."""
+    """Return the offset from universal time that the service uses, or that a title or a comment specifies."""
     if sheet.kind in ("PVGIS", "CAMS") or (sheet.kind == "NASA POWER" and "in UTC" in preamble):
         return "+00:00"
     if sheet.kind == "NASA POWER":  # local solar time
@@ -274,7 +275,7 @@ def _keep(sheet: Sheet, lines: Sequence[str], first: int, *, until_blank: bool =
     kept = [at for at in range(first, end) if lines[at].strip() and not lines[at].lstrip().startswith("#")]
     sheet.titles = _fields("".join(lines[at] for at in kept[:1]), mark)
     while len(kept) > 2 and not re.search(r"(^|\n)[-+.]?\d", "\n".join(_fields(lines[kept[1]], mark))):
-        del kept[1]  # rows of units
+        del kept[1]  # remove rows of units
     sheet.numbers, sheet.texts = [at + 1 for at in kept], [lines[at] for at in kept]
 
 
@@ -326,13 +327,13 @@ class WeatherFile:
     Parameters
     ----------
     name : str
-        Name in messages.
+        Name of the file in messages.
     latitude, longitude : float
-        Position in the header; NaN if the header has none. [deg]
+        Position of the site in the header; NaN if the header has no position. [deg]
     hours : float
         Length of each interval. [h]
     utc : ndarray of datetime64, shape (T,)
-        Instant of each row in universal time, usually the middle of its interval. The year is that in the file.
+        Instant of each row in universal time, with the year in the file, usually the middle of the interval.
     month : ndarray of int, shape (T,)
         Month, 1 to 12, on the clock of the file.
     dni, wind, temperature : ndarray, shape (T,)
@@ -340,7 +341,7 @@ class WeatherFile:
     ghi, dhi : ndarray, shape (T,)
         Global and diffuse horizontal irradiance, NaN if unknown. [W/m2]
     shift : float
-        Offset from the time of a row in the file to its instant. [h]
+        Offset from the time of a row in the file to the instant of the row. [h]
     notes : tuple of str
         Warnings.
     """
@@ -364,14 +365,16 @@ class WeatherFile:
 
 
 def with_weather(study: Study) -> Study:
-    """Return the study with its weather files attached, so that they are not read again."""
+    """Return the study with attached weather files, so that the files are not read again."""
     copied = study.model_copy()
     copied._weather = weather_of(study)
     return copied
 
 
 def weather_of(study: Study) -> tuple[WeatherFile, ...]:
-    """Return the weather files of a study in order, limited to its months; empty if it has no files.
+    """Return the weather files of a study in order, limited to the months of the study.
+
+    The tuple is empty if the study has no weather files.
 
     Raises
     ------
@@ -405,7 +408,7 @@ def weather_of(study: Study) -> tuple[WeatherFile, ...]:
 def read_weather(
     path: Path, label: str | None = None, timezone: str | None = None, offset: float | None = None
 ) -> WeatherFile:
-    """Read a weather file of any of the formats of this module.
+    """Read a weather file in one of the formats that this module supports.
 
     Parameters
     ----------
@@ -418,13 +421,13 @@ def read_weather(
         Time zone of times without an offset from universal time, such as ``+01:00`` or ``Europe/Madrid`` (default:
         the zone in the file).
     offset : float, optional
-        Offset from the time of a row to its instant, instead of `label`. [h]
+        Offset from the time of a row to the instant of the row, instead of `label`. [h]
 
     Raises
     ------
     StudyError
         If the file is not a weather file, an interval is missing, or values are out of range. Each cause is reported at
-        its first line.
+        the first line concerned.
     """
     sheet, notes = parse_weather(path), list[str]()
     table = Table(
@@ -479,7 +482,7 @@ def _notes(table: Table, sheet: Sheet, dni: NDArray[np.float64]) -> Iterator[str
 
 
 def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
-    """Return the marked part of the interval in a file with hour columns; add unusual conventions to `notes`."""
+    """Return the part of the interval that the hours in a file mark, and add unusual conventions to `notes`."""
     first, last = _hours(table)
     if "year" not in table.header:
         notes.append(f"has no year: read as {YEAR}")
@@ -505,13 +508,13 @@ def _scale(table: Table, sheet: Sheet, key: str, step: float) -> float:
 
 
 def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
-    """Return times on the clock of the file, and their offsets from universal time [s], NaN if unknown."""
+    """Return times on the clock of the file, and offsets of these times from universal time (NaN if unknown) [s]."""
     key = "time" if "time" in table.header else "date"
     texts = _time_texts(table, sheet, key)
     form = "MM/DD/YYYY" if sheet.kind == "SolarAnywhere" else table.forms.get("date") or table.forms.get(key, "")
     walls, offsets = np.zeros(len(table), "datetime64[s]"), np.full(len(table), np.nan)
     for row, (text, time) in enumerate(zip(texts, iso_dates(texts, form), strict=True)):
-        begun = re.sub("(?<=[T ])24:", "00:", time)  # 24:00 is 0:00 of the next day
+        begun = re.sub("(?<=[T ])24:", "00:", time)  # 24:00 is 0:00 on the next day
         try:
             stamp = dt.datetime.fromisoformat(begun)
         except ValueError:
@@ -553,7 +556,7 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
     if sheet.kind == "EPW" and np.all(minute == minute[0]):
         minute = 0 * minute  # minutes have no meaning in hourly rows
     elif np.any(minute > 0) and _hours(table)[1] == 24:
-        minute -= 60  # minutes within hours that are labelled by their end
+        minute -= 60  # the minutes belong to hours that are labelled by their end
     first = ((year - 1970) * 12 + month - 1).astype("datetime64[M]").astype("datetime64[D]")
     dates = first + (day - 1)
     wrong = dates.astype("datetime64[M]") != first.astype("datetime64[M]") if "month" in parts else day > 366
@@ -564,7 +567,7 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
 
 
 def _hours(table: Table) -> tuple[float, float]:
-    """Return the first and the last hour of the days: 0 and 23, or 1 and 24."""
+    """Return the first and the last hour of a day: 0 and 23, or 1 and 24."""
     hours = numbers(table.texts("hour")) if "hour" in table.header else np.zeros(1)
     return float(np.min(hours, initial=1)), 24.0 if np.any(hours == 24) and not np.any(hours == 0) else 23.0
 
@@ -574,7 +577,7 @@ def _to_utc(
 ) -> NDArray[np.datetime64]:
     """Convert times to universal time.
 
-    Rows without an offset are in the time zone `timezone` (default: the zone in the file).
+    Times without an offset are in the time zone `timezone` (default: the time zone in the file).
     """
     zone = timezone or sheet.site.get("timezone")
     bare = np.isnan(offsets)
@@ -594,7 +597,7 @@ def _step(
 ) -> float:
     """Return the minutes between rows; record missing, repeated and unsorted rows.
 
-    The rows are successive in time, or form a typical year: months of several years whose days and hours form one year.
+    The rows are in chronological order, or form a typical year of months from different years.
     """
     if walls.size < 2:
         table.fail("needs at least two rows, to find the length of an interval")
@@ -604,7 +607,7 @@ def _step(
         table.fail("has its last row first: sort the rows by time")
     if not 0 < step <= 60 or 1440 % step:
         table.fail(f"has rows {step:g} minutes apart: give intervals of an hour, or of a fraction of an hour")
-    # Uses the middles of intervals on a clock without summer time, because 28 February ends at 0:00 of the next day.
+    # Use the midpoints of intervals on a clock without summer time, because 28 February ends at 0:00 of the next day.
     walls = utc + (walls[0] - utc[0]) + np.timedelta64(round(60 * step * _TO_MIDDLE.get(sheet.mark, 0)), "s")
     dates, months = walls.astype("datetime64[D]"), walls.astype("datetime64[M]")
     month, day = months.astype(np.int64) % 12, (dates - months.astype("datetime64[D]")).astype(np.int64)

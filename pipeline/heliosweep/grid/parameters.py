@@ -17,7 +17,7 @@ CF_UNITS = {"deg": "degree", "latitude": "degrees_north", "longitude": "degrees_
 
 
 class Parameters:
-    """Values of each key of a study over a region of its result. Dimensions omitted from `select` are complete.
+    """Values of each key of a study over a region of the result. Dimensions omitted from `select` are complete.
 
     `sizes` contains the length of each swept dimension within the region, in the order of the result.
     """
@@ -40,7 +40,7 @@ class Parameters:
         return tuple(dim for dim in self.sizes if dim in swept or dim == "site")
 
     def part(self, dim: str) -> slice:
-        """Return the slice of a dimension that is in the region."""
+        """Return the slice of a dimension within the region."""
         return self._select.get(dim, slice(None))
 
     def has(self, key: str) -> bool:
@@ -77,12 +77,12 @@ class Parameters:
     def column(self, key: str) -> tuple[tuple[str, ...], Any]:
         """Return the dimension of a key (if swept) and its values. Raises KeyError.
 
-        If the study has several sites, the keys of a site are along ``site``.
+        If the study has several sites, the values of site keys are along the dimension ``site``.
         """
         if key in self._dims:
             values = self._declared[key][1][self.part(self._dims[key])]
             if isinstance(self._declared[key][0], FileName):
-                values = tuple(PurePath(name).name for name in values)  # results omit folder names
+                values = tuple(PurePath(name).name for name in values)  # results contain file names without folders
             return (self._dims[key],), np.array(values, dtype=object if isinstance(values, tuple) else float)
         if key in self._declared:
             return (), self._declared[key][1]
@@ -103,8 +103,8 @@ class Parameters:
     def points(self, *keys: str) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...]]]:
         """Yield the index and the key values of each point in the region, in the order of the result.
 
-        The index is relative to the region. Values are None for keys without a value, and for site and sun keys that
-        the family does not have. Raises StudyError if the study model does not declare a key.
+        The index is relative to the region. A value is None if the key has no value, or if the family does not have the
+        site or sun key. Raises StudyError if the study model does not declare a key.
         """
         for key in keys:
             if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):
@@ -114,7 +114,7 @@ class Parameters:
             yield index, tuple(None if column is None else column[index] for column in columns)
 
     def position(self, index: tuple[int, ...]) -> dict[str, int]:
-        """Return the index of a point in the full result, by swept dimension."""
+        """Return the index of a point along each swept dimension of the full result."""
         return {dim: (self.part(dim).start or 0) + at for dim, at in zip(self.sizes, index, strict=True)}
 
     def timezones(self) -> list[str]:
@@ -126,7 +126,7 @@ class Parameters:
     def coordinates(self, keys: Sequence[str] = ()) -> dict[str, xr.DataArray]:
         """Return coordinates for all swept keys, and for each key in `keys` that has a value.
 
-        Keys that are not swept become scalar coordinates.
+        Values of fixed keys become scalar coordinates.
         """
         wanted = [*(key for key in keys if self.has(key) and key not in self._dims), *self._dims]
         named = {}
@@ -147,7 +147,7 @@ class Parameters:
 
 
 def coordinate_name(declaration: Parameter, key: str) -> str:
-    """Return the name that a key has as a dimension or coordinate: the declared name, otherwise its last part."""
+    """Return the name of a key as a dimension or coordinate: the declared name, otherwise the last part of the key."""
     return declaration.dimension or key.rpartition(".")[2]
 
 
@@ -160,7 +160,7 @@ def coordinate_attributes(declaration: Parameter, key: str) -> dict[str, Any]:
     if declaration.standard_name:
         attrs["standard_name"] = declaration.standard_name
     else:
-        # The comment explains named values. For numbers it omits the unit, which is a separate attribute.
+        # The comment explains named values. For numbers, the comment omits the unit, which is a separate attribute.
         meaning = declaration.description if unit else declaration.purpose
         if meaning.casefold() != attrs["long_name"].casefold():
             attrs["comment"] = meaning if meaning[:2].isupper() else meaning[:1].lower() + meaning[1:]

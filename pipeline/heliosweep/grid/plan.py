@@ -46,13 +46,13 @@ EMPTY_FILE = 56 * 2**10
 BLOCK_BYTES = {"points": 16 * 2**20, "series": 32 * 2**20}
 #: Minimum and maximum number of evaluations in a chunk. A killed run loses only the chunks being computed.
 MIN_EVALUATIONS, MAX_EVALUATIONS = 20_000, 1_000_000
-#: Target number of chunks, chosen so that all workers end at nearly the same time, and maximum number of chunks.
+#: Target number of chunks, for which all workers end at nearly the same time, and maximum number of chunks.
 WANTED_CHUNKS, MAX_CHUNKS = 64, 10_000
 #: Number of copies of a block in memory during writing: chunks, joined values, finished variables and written values.
 BLOCK_COPIES = 4
-#: Maximum size of values that are finished together but not stored in the result. [bytes]
+#: Maximum size of values that `Family.finish` processes in one call but that the result does not contain. [bytes]
 PASS_BYTES = 16 * 2**20
-#: Location of the workers: in this process, in processes on this machine, or on machines with separate memory.
+#: Location of the workers: this process, processes on this machine, or machines with separate memory.
 Where: TypeAlias = Literal["here", "processes", "elsewhere"]
 
 
@@ -76,8 +76,8 @@ class Workload:
     splittable : str
         Inner dimension along which one parameter point may be split; empty if there is none.
     whole : tuple of str
-        Swept dimensions over which `Family.finish` computes statistics. They are not divided into blocks, and are
-        divided into chunks last.
+        Swept dimensions over which `Family.finish` computes statistics. These dimensions are not divided into blocks,
+        and are the last to be divided into chunks.
     uncut : tuple of str
         Dimensions that are not divided into chunks.
     coordinate_bytes : int
@@ -102,7 +102,7 @@ class Workload:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """All dimensions of the result."""
+        """Length of each dimension of the result."""
         return {**self.parameters, **self.inner}
 
     @property
@@ -113,7 +113,7 @@ class Workload:
 
 @dataclass(frozen=True, repr=False)
 class Plan:
-    """Cost of a study, and its blocks and chunks.
+    """Cost of a study, and division of its result into blocks and chunks.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class Plan:
     workers : int
         Number of chunks that are computed at the same time.
     peak_memory, output_bytes : int
-        Estimates. [bytes]
+        Estimated peak memory and size of the result. [bytes]
     seconds : float, optional
         Computing time extrapolated from a small region, or None if it was not measured. [s]
     """
@@ -359,7 +359,7 @@ def trial_seconds(work: Work, plan: Plan) -> float | None:
     Parameters
     ----------
     work : Work
-        Study with all data needed to compute it.
+        Study with all data needed for the computation.
     plan : Plan
         Plan of the study.
 
@@ -379,7 +379,7 @@ def trial_seconds(work: Work, plan: Plan) -> float | None:
 
 
 def _measure() -> None:
-    """Read work from standard input and print its time, extrapolated from increasing parts of a chunk. [s]"""
+    """Read a study from standard input and print its computing time, extrapolated from parts of a chunk. [s]"""
     work, cuts = pickle.load(sys.stdin.buffer)
     work.family.prepare(work.study)
     total = 0.0
@@ -393,7 +393,7 @@ def _measure() -> None:
             began = time.perf_counter()
             work.compute(Piece("trial", kind, region))
             seconds = time.perf_counter() - began
-            if seconds > 0.25 and share < 512:  # otherwise the next part, with about 8 times the cells, is timed
+            if seconds > 0.25 and share < 512:  # otherwise time the next part, which has about 8 times as many cells
                 break
         total += cut.chunk_count * seconds * cells / math.prod(lengths.values())
     print(total)
@@ -404,7 +404,7 @@ Chunks: TypeAlias = Iterable[tuple[Piece, Mapping[str, np.ndarray]]]
 
 
 class Work:
-    """Study with all data needed to compute any region of its result. It is sent to each worker once.
+    """Study with all data needed to compute any region of its result. The study is sent to each worker once.
 
     Parameters
     ----------
@@ -415,7 +415,7 @@ class Work:
     variables : mapping of str to Variable
         Variables of the result.
     sizes : mapping of str to int
-        Dimensions of the result.
+        Lengths of the dimensions of the result.
     """
 
     def __init__(self, family: Any, study: Study, variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> None:
@@ -436,8 +436,8 @@ class Work:
         block : Piece
             The block.
         chunks : callable
-            Function that returns the chunks with the values of the named variables. It is called once for the variables
-            of the result, and once for each group of passing variables.
+            Function that returns the chunks with the values of the named variables. The function is called once for the
+            variables of the result, and once for each group of passing variables.
         """
         own = {name: one for name, one in self.variables.items() if one.kind == block.kind}
         later = {name: one for name, one in own.items() if one.finished}
@@ -463,7 +463,8 @@ class Work:
     def _groups(self, computed: Mapping[str, Variable], block: Piece) -> Iterator[tuple[list[str], Region]]:
         """Yield the names and region of variables that are finished together.
 
-        Each passing variable is finished separately. A large variable is divided along its longest inner dimension.
+        Each variable with `passing` set is finished separately. A large variable is divided along its longest inner
+        dimension.
         """
         yield [name for name, one in computed.items() if not one.passing], block.region
         for name, one in computed.items():
@@ -486,7 +487,7 @@ class Work:
 
 
 def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
-    """Return the result of a study as a lazy data set. Chunks contain one parameter point or several small ones."""
+    """Return the result of a study as a lazy data set. Each chunk contains one point or several small points."""
     lazy = [_mapped(work, kind, cut, plan) for kind, cut in plan.cuts.items()]
     return xr.merge(lazy)[list(in_result(work.variables))].assign_coords(coordinates.coords)
 
@@ -505,7 +506,7 @@ def _mapped(work: Work, kind: str, cut: Cut, plan: Plan) -> xr.Dataset:
     for name, one in in_result(work.variables).items():
         if one.kind == kind:
             lengths = [1, *(chunks.get(dim, sizes[dim]) for dim in one.dims)]
-            # Without a name, dask computes one from the arguments, which takes most of the time of this function.
+            # Without a name, dask computes a name from the arguments, which takes most of the time of this function.
             zeros = da.zeros((1, *shape_of(one, {}, sizes)), dtype=one.dtype, chunks=lengths, name=f"template-{name}")
             template[name] = ((_POINT, *one.dims), zeros, dict(one.attrs))
     arguments = {"work": work, "kind": kind}

@@ -32,7 +32,7 @@ class Variable:
     dtype : numpy.dtype
         Type of the values.
     finished : bool
-        True if `Family.finish` computes the variable from complete points, False if `Family.compute` does.
+        True if `Family.finish` computes the variable from complete points, False if `Family.compute` computes it.
     passing : bool
         True if the variable is needed only for finished variables and is not in the result.
     without : tuple of str
@@ -75,7 +75,7 @@ def quantity(
 def flags(
     dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "", kind: str = "flag_values"
 ) -> Variable:
-    """Declare a variable that contains codes with meanings. If `kind` is ``flag_masks``, values are sums of codes."""
+    """Declare a variable with codes as values. If `kind` is ``flag_masks``, values are sums of codes."""
     attrs: dict[str, Any] = {
         kind: np.array(list(meanings), np.int8),
         "flag_meanings": " ".join(meanings.values()),
@@ -88,7 +88,7 @@ def pair(
 ) -> dict[str, Variable]:
     """Declare one variable for each axis in `words`.
 
-    In variable names, ``%`` is replaced by the key in `words`. In long names, it is replaced by the text of this key.
+    The symbol ``%`` is replaced by the key of `words` in variable names, and by the text of this key in long names.
     """
     return {
         name.replace("%", axis): quantity(dims, units, long_name.replace("%", word), comment)
@@ -118,7 +118,7 @@ def in_result(variables: Mapping[str, Variable]) -> dict[str, Variable]:
 
 
 def bytes_of(variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> int:
-    """Return the size of variables for given lengths of dimensions. [bytes]"""
+    """Return the total size of variables for given dimension lengths. [bytes]"""
     return sum(one.dtype.itemsize * math.prod(sizes[dim] for dim in one.dims) for one in variables.values())
 
 
@@ -140,7 +140,7 @@ def index_of(dims: tuple[str, ...], region: Region, within: Region | None = None
 def checked(
     made: xr.Dataset, variables: Mapping[str, Variable], region: Region, sizes: Mapping[str, int]
 ) -> dict[str, np.ndarray]:
-    """Check computed values and return the arrays of a region in declared order.
+    """Check computed values and return the arrays of a region in the order of declaration.
 
     Parameters
     ----------
@@ -151,12 +151,12 @@ def checked(
     region : Region
         Region of the arrays.
     sizes : mapping of str to int
-        Dimensions of the full result.
+        Lengths of the dimensions of the full result.
 
     Raises
     ------
     ValueError
-        If a variable is missing or has a wrong shape or type.
+        If a variable is missing, or has an unexpected shape or type.
     """
     arrays = {}
     for name, variable in variables.items():
@@ -172,7 +172,7 @@ def checked(
 class Piece(NamedTuple):
     """Block or chunk of a result."""
 
-    #: Name made of kind and number, such as ``points-00012``.
+    #: Name that consists of kind and number, such as ``points-00012``.
     name: str
     #: ``series`` for variables with the dimension ``time``, otherwise ``points``.
     kind: str
@@ -189,7 +189,7 @@ class Cut:
     Parameters
     ----------
     sizes, block, chunk : mapping of str to int
-        Lengths of the divided dimensions, and the length of a block and of a chunk along each of them.
+        Lengths of the divided dimensions, and lengths of a block and of a chunk along these dimensions.
     """
 
     sizes: Mapping[str, int]
@@ -245,7 +245,7 @@ def regions(region: Region, lengths: Mapping[str, int]) -> Iterator[dict[str, sl
 def shortened(
     lengths: Mapping[str, int], order: Iterable[tuple[str, int]], fits: Callable[[Mapping[str, int]], bool]
 ) -> dict[str, int]:
-    """Halve lengths until they fit. Dimensions are halved one after another in `order`, each down to its minimum."""
+    """Halve lengths until the region fits. Dimensions are halved one after another in `order`, each down to its minimum."""
     found = dict(lengths)
     for dim, minimum in order:
         while found[dim] > minimum and not fits(found):

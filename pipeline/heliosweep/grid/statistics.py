@@ -22,12 +22,12 @@ def mean_of_draws(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
     Parameters
     ----------
     values : ndarray, shape (..., draws)
-        Results of the draws. If a draw is missing (NaN), all three statistics are missing.
+        Results of the draws. If a draw is missing (NaN), all three statistics are NaN.
     design : Design
         Design of the draws. For Sobol indices, only the first and last draw of each base point are used, because only
-        these follow the distributions. The standard error is computed from the means of eight Sobol sequences. For
-        independent draws, it is the standard deviation divided by the square root of their number. This overestimates
-        the error of a Latin hypercube.
+        these draws follow the distributions. The standard error is computed from the means of eight Sobol sequences.
+        For independent draws, the standard error is the standard deviation divided by the square root of the number of
+        draws. This formula overestimates the error of a Latin hypercube.
     """
     own = _independent(values, design)
     mean, deviation = own.mean(axis=-1), own.std(axis=-1, ddof=1)
@@ -62,7 +62,7 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
     """Return the first-order and total Sobol indices, each followed by the half width of its 95 % interval.
 
     The estimators are those of SALib [1]_ [2]_. For independent draws, intervals are computed with SALib's bootstrap.
-    For eight Sobol sequences, they are computed with a jackknife over the sequences and Student's t distribution,
+    For eight Sobol sequences, intervals are computed with a jackknife over the sequences and Student's t distribution,
     because a bootstrap assumes independent draws.
 
     Parameters
@@ -75,7 +75,7 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
     Returns
     -------
     tuple of four ndarray, shape (..., parameters)
-        Indices and half widths. They are zero if the result does not vary, and missing if a draw is missing.
+        Indices and half widths. The values are zero if the result does not vary, and NaN if a draw is missing.
 
     References
     ----------
@@ -126,8 +126,8 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
     """Return the mean, mean magnitude and standard deviation of each parameter's elementary effects.
 
     An effect is the change of the result when the keys of a parameter change from their 12.5 % to their 87.5 %
-    quantile. It is scaled linearly from a step of 2/3 of this range. The sign of a group is the sign of one of its
-    keys.
+    quantile. The effect is scaled linearly from a step of 2/3 of this range. The sign of a group is the sign of one of
+    its keys.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
     Returns
     -------
     tuple of three ndarray, shape (..., parameters)
-        Statistics of the effects. They are missing if a draw is missing.
+        Statistics of the effects. The statistics are NaN if a draw is missing.
 
     References
     ----------
@@ -147,8 +147,8 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
        doi 10.1080/00401706.1991.10484804
     """
     places = levels(design).reshape(design.size, design.rows, -1)
-    steps = np.diff(places, axis=1)  # (trajectories, steps, keys), nonzero only for the keys of one parameter
-    moved = np.argmax(np.abs(steps), axis=-1)  # one key of this parameter
+    steps = np.diff(places, axis=1)  # (trajectories, steps, keys), each step changes only the keys of one parameter
+    moved = np.argmax(np.abs(steps), axis=-1)  # index of one key of the parameter
     change = np.diff(_by_point(values, design), axis=-1) / np.take_along_axis(steps, moved[..., np.newaxis], -1)[..., 0]
     parameter = np.array(design.groups)[moved]
     order = np.broadcast_to(np.argsort(parameter, axis=1), change.shape)
@@ -157,6 +157,6 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
 
 
 def single_steps(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return the changes from the result at the medians, with one parameter one standard normal deviate down and up."""
+    """Return the changes from the median result if one parameter is one standard normal deviate lower or higher."""
     changes = values[..., 1:] - values[..., :1]
     return changes[..., 0::2], changes[..., 1::2]

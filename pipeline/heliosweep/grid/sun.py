@@ -1,4 +1,4 @@
-"""Instants of a study on its clock, sun positions at its sites, and checks for sites without a sunrise."""
+"""Generate the instants of a study and sun positions at its sites, and find sites without a sunrise."""
 
 from __future__ import annotations
 
@@ -61,11 +61,10 @@ class Instants:
 
     The labels depend on the clock:
 
-    - ``solar``: ``day`` or ``declination``, and ``solar_hour``;
-    - ``civil``: ``utc``, which also has the dimension `dim` if the clocks of the sites differ;
-    - ``weather``: ``utc``, the midpoint of each interval, and ``hours``, its length; both also have the dimension `dim`
-      if the weather files differ;
-    - ``sun``: a single ``instant`` for each sun direction.
+    - ``solar``: ``day`` or ``declination``, and ``solar_hour``; - ``civil``: ``utc``, which also has the dimension
+    `dim` if the clocks of the sites differ; - ``weather``: ``utc``, the midpoint of each interval, and ``hours``, the
+    length of each interval; these labels also have the dimension `dim` if the weather files differ; - ``sun``: a single
+    ``instant`` for each sun direction.
     """
 
     labels: dict[str, Label]
@@ -75,7 +74,7 @@ class Instants:
     def coordinates(self) -> dict[str, Label]:
         """Return the labels as coordinates.
 
-        If the instants are ascending and equal at all sites, the coordinate ``time`` contains them.
+        If the instants are ascending and equal at all sites, the coordinate ``time`` contains the instants.
         """
         utc = self.labels.get("utc")
         if utc and utc.dims == ("time",) and np.all(np.diff(utc.values) > np.timedelta64(0)):
@@ -88,7 +87,7 @@ class Instants:
         return replace(self, labels={name: label.part(self.dim, part) for name, label in self.labels.items()})
 
     def part(self, span: slice) -> Instants:
-        """Return a part of the instants."""
+        """Return the instants in a part of the dimension ``time``."""
         return replace(self, labels={name: label.part("time", span) for name, label in self.labels.items()})
 
     @property
@@ -133,10 +132,11 @@ def solar_instants(time: SolarTime) -> Instants:
 
 
 def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
-    """Return the intervals of weather files. If there are several files, they are along the dimension `dim`.
+    """Return the intervals of weather files. The intervals of several files are along the dimension `dim`.
 
-    The labels are ``utc``, the midpoint of each interval, and ``hours``, its length [h]. They are along ``time`` if
-    they are equal for all files. Otherwise they are along (`dim`, ``time``), with NaT at the end of shorter files.
+    The labels are ``utc``, the midpoint of each interval, and ``hours``, the length of each interval [h]. The labels
+    are along ``time`` if they are equal for all files. Otherwise the labels are along (`dim`, ``time``), with NaT at
+    the end of shorter files.
     """
     dims, utc = _table([file.utc for file in files], dim)
     if len(dims) == 1 and any(file.hours != files[0].hours for file in files):
@@ -164,18 +164,18 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     """Return the instants of each date's window on the civil clock, in universal time, for all site time zones.
 
     A window starts and stops at clock times and has equal steps of elapsed time. A window that includes a clock change
-    is therefore an hour shorter or longer. If the start or stop is in an hour skipped by a clock change, it is moved to
-    the time of this change. If it is in a repeated hour, its first occurrence is used.
+    is therefore an hour shorter or longer. If the start or stop is in an hour that a clock change skips, the window
+    starts or stops at the clock change. If the start or stop is in a repeated hour, its first occurrence is used.
 
-    If all sites have equal instants, ``utc`` is along ``time``, in ascending order without repetitions. Otherwise it is
-    along (``site``, ``time``), and sites with fewer instants are padded with NaT.
+    If all sites have equal instants, ``utc`` is along ``time``, in ascending order without repetitions. Otherwise
+    ``utc`` is along (``site``, ``time``), and sites with fewer instants are padded with NaT.
     """
     dims, utc = _table([np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones], "site")
     return Instants({"utc": Label(dims, utc, {"long_name": "universal time"})}, "civil")
 
 
 def civil_intervals(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the hours that each instant of `civil_instants` represents in a time zone, and the month of its date.
+    """Return the hours that each instant of `civil_instants` represents in a time zone, and the month of the instant.
 
     An instant represents one step, or half a step at both ends of an inclusive window. For an instant in two windows,
     the hours are summed.
@@ -212,12 +212,12 @@ def window_count(steps: float, sampling: str) -> int:
 
 
 def window_positions(steps: float, sampling: str) -> NDArray[np.float64]:
-    """Return the instants in a window that is `steps` steps long, in steps from its start."""
+    """Return the times of the instants in a window that is `steps` steps long, in steps from its start."""
     return np.arange(window_count(steps, sampling), dtype=np.float64) + (0.5 if sampling == "midpoint" else 0.0)
 
 
 def instants_of(grid: Parameters) -> Instants:
-    """Return the instants specified by the study's block ``time``."""
+    """Return the instants that the block ``time`` of the study specifies."""
     time: SolarTime | CivilTime | SunDirections | WeatherTime = grid.study.time  # type: ignore[attr-defined]
     if isinstance(time, SunDirections):
         return Instants({"instant": Label(("time",), np.zeros(1), {})}, "sun")
@@ -226,7 +226,7 @@ def instants_of(grid: Parameters) -> Instants:
     if isinstance(time, WeatherTime):
         dim = next((dim.name for dim in grid.study.dimensions() if "weather.file" in dim.sweeps), "site")
         return weather_intervals(weather_of(grid.study), dim).at_sites(grid.part(dim))
-    # Generate instants for all sites, because number and dimensions must not depend on the region.
+    # Generate instants for all sites, because their number and dimensions must not depend on the region.
     return civil_instants(time, Parameters(grid.study).timezones()).at_sites(grid.part("site"))
 
 
@@ -237,7 +237,7 @@ def sun_attributes(
 ) -> dict[str, str]:
     """Return the global attributes that describe sun positions and time sampling.
 
-    They depend on the block ``time``, on the kind of elevation (geometric or apparent), and on `delta_t`, the
+    The attributes depend on the block ``time``, on the kind of elevation (geometric or apparent), and on `delta_t`, the
     difference between terrestrial and universal time [s] (default: by year and month).
     """
     if isinstance(time, SunDirections):
@@ -286,10 +286,10 @@ def _lit_vectors(utc: bytes, hours: bytes, place: tuple[float, float, float]) ->
 def lit_middles(
     utc: NDArray[np.datetime64], hours: NDArray[np.float64], latitude: float, longitude: float, altitude: float
 ) -> NDArray[np.datetime64]:
-    """Return the midpoint of each interval, or of its sunlit part if it contains sunrise or sunset.
+    """Return the midpoint of each interval, or of the sunlit part of an interval with sunrise or sunset.
 
-    `utc` contains the midpoints of the intervals, shape (T,), and `hours` their lengths. Sunrise and sunset are
-    computed to within a millisecond, for the sun's centre without refraction.
+    The arguments `utc` and `hours` contain the midpoints and the lengths of the intervals, shape (T,). Sunrise and
+    sunset are computed to within a millisecond, for the sun's centre without refraction.
     """
     half = (hours * 1.8e12).astype("timedelta64[ns]")
     starts, ends = utc - half, utc + half
@@ -315,9 +315,9 @@ PLACE = ("site.latitude", "site.longitude", "site.altitude", "time.azimuth", "ti
 
 
 class Suns:
-    """Sun vectors at the points of a region. They are computed once for successive points at one site.
+    """Sun vectors at the points of a region, computed once for successive points at one site.
 
-    If the region has the dimension ``time``, only its instants are included.
+    If the region is limited along ``time``, only the instants within the region are included.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -332,7 +332,7 @@ class Suns:
         return self._instants.size
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> np.ndarray:
-        """Return unit vectors to the sun at a point, shape (time, 3), from its index and the values of `PLACE`. [1]"""
+        """Return unit vectors to the sun at a point, shape (time, 3), given its index and the values of `PLACE`. [1]"""
         site = None if self._sites is None else index[self._sites]
         key = (site, tuple(place))
         if self._last[0] != key:
@@ -389,7 +389,7 @@ def _heights(
 ) -> NDArray[np.float64]:
     """Return sines of sun elevations at a latitude for at most `most` instants, neglecting the equation of time.
 
-    On the solar clock, only the hour nearest to noon is used for each day, when the sun is highest.
+    On the solar clock, only the hour nearest to noon, when the sun is highest, is used for each day.
     """
     if isinstance(time, SolarTime):
         given, hours = time.declinations(), time.solar_hours()

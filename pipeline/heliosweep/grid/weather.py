@@ -36,7 +36,7 @@ class Irradiance(NamedTuple):
     dni : ndarray, shape (T,)
         Mean direct normal irradiance over each interval; for a clear sky, 0 if the sun is down. [W/m2]
     hours : ndarray, shape (T,)
-        Length of each instant's interval, including time with the sun down. [h]
+        Length of the interval of each instant, including time with the sun down. [h]
     month : ndarray of int, shape (T,)
         Month (1 to 12) of the instant on the clock of the weather file, or of the civil date.
     wind : ndarray, shape (T,)
@@ -50,10 +50,10 @@ class Irradiance(NamedTuple):
 
 
 class Weathers:
-    """Irradiance at the points of a region. It is computed once for successive points with equal weather.
+    """Irradiance at the points of a region, computed once for successive points with equal weather.
 
-    If the region has the dimension ``time``, only its instants are included. If several sites or files have time series
-    of different lengths, the instants that pad the shorter ones have a length of 0 h.
+    If the region is limited along ``time``, only the instants within the region are included. If the time series of
+    several sites or files have different lengths, the instants that pad the shorter series have a length of 0 h.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -69,7 +69,7 @@ class Weathers:
         self._last: tuple[object, Any] = (None, None)
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> Irradiance:
-        """Return the irradiance at a point, given its index and its values of `sun.PLACE`."""
+        """Return the irradiance at a point, given the index of the point and its values of `sun.PLACE`."""
         row = 0 if self._axis is None else index[self._axis]
         sky: tuple[Any, ...] = tuple(None if column is None else column[index] for column in self._sky)
         key = (row, tuple(place), sky)
@@ -158,7 +158,7 @@ def clear_sky(
 
 
 def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) -> tuple[NDArray[np.bool_], Integers]:
-    """Select the instants at which the field operates, and return the cause of each lost instant.
+    """Select the instants at which the field operates, and determine the cause of each lost instant.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ MAX_POINTS = 200
 
 
 def weather_faults(study: Any) -> Iterator[Fault]:
-    """Yield contradictions between the study blocks ``weather``, ``limits`` and ``time``, without reading files."""
+    """Yield contradictions between the blocks ``weather``, ``limits`` and ``time``, without reading weather files."""
     weather, limits, on_its_clock = study.weather, study.limits, isinstance(study.time, WeatherTime)
     file, sky = (weather.file, weather.clear_sky) if weather is not None else (None, None)
     if on_its_clock and file is None:
@@ -286,14 +286,14 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
             f"{name}: the DNI never exceeds {most:,.0f} W/m2: check that it is not the horizontal irradiance or "
             "in another unit"
         )
-    high = sun[: len(file), 2] > 0.2  # a lower sun may be that of the sunlit part of its interval
+    high = sun[: len(file), 2] > 0.2  # a lower sun may belong to an interval with sunrise or sunset
     rows = high & (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)
     if np.count_nonzero(rows) >= 50:
         yield from (f"{name}: {note}" for note in _closure(file, rows, sun[: len(file)], latitude))
 
 
 def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
-    """Yield a warning if GHI = DHI + DNI cos z is satisfied better with sun positions at shifted times."""
+    """Yield a warning if a time shift of the sun positions improves the closure GHI = DHI + DNI cos z."""
     dni, beam, mean = file.dni[rows], (file.ghi - file.dhi)[rows], float(file.ghi[rows].mean())
     # Rotate the sun positions about the Earth's axis.
     north, up, angle = np.cos(np.radians(latitude)), np.sin(np.radians(latitude)), np.radians(SHIFTS / 4)[:, np.newaxis]

@@ -1,7 +1,7 @@
 """Ground of a generated field: areas for heliostats, and ground heights.
 
 Polygons are read from GeoJSON or WKT files, and grids of heights from NetCDF or GeoTIFF files. Coordinates are in
-metres east and north of the tower, or of another origin such as a map origin.
+metres east and north of the tower or of another origin, such as the origin of a map.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import FARTHEST
 from heliosweep.lazy import scipy, shapely, xr
 
-#: Result attributes that contain the polygons, by study key.
+#: Names of the result attributes that contain the polygons, by study key.
 AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
 
 #: Maximum number of heights in a grid.
@@ -59,7 +59,7 @@ class Region:
     margin: float = 0.0
 
     def inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return True for positions [m] that are inside the region, not on an edge or within the margin, shape (n,)."""
+        """Return True for positions [m] inside the region, but not on an edge or within the margin, shape (n,)."""
         inside = np.full(x.shape, not self.sectors)
         azimuth = np.degrees(np.arctan2(x, y)) if self.sectors else x
         for middle, width in self.sectors:
@@ -76,7 +76,7 @@ class Region:
 
     @property
     def key(self) -> str:
-        """Study key of the ground for messages."""
+        """Study key that limits the ground, for messages."""
         return "boundary" if self.boundary is not None else "sectors" if self.sectors else "exclude"
 
     @property
@@ -87,7 +87,7 @@ class Region:
         return float(np.hypot(*shapely.get_coordinates(self.boundary).T).max())
 
     def no_room(self) -> StudyError:
-        """Return the error to raise if no heliostat fits."""
+        """Return the error for a region in which no heliostat fits."""
         hint = ""
         if self.boundary is not None:
             if self.exclude is not None and self.boundary.difference(self.exclude).area == 0:

@@ -6,10 +6,10 @@ such as the parameters in SolarPILOT's exports, are ignored. Lengths are convert
 units below the header (solsticepy), specify another unit.
 
 A table without a header is read as SolarPILOT's user-defined layout (`SolarField::parseHeliostatXYZFile` in NREL's
-ssc). Its columns are template, x, y, z [m], two focal lengths [m], a canting vector and an aim point [m]. The columns
-after z may be ``NULL``. In SolarPILOT, z is the height of the mirror's centre above the centre of a mirror at the
-tower's foot. If all pivots are equally high, this equals z in this package: the height of the heliostat's base above
-the tower's base.
+ssc). The columns of a table without a header are template, x, y, z [m], two focal lengths [m], a canting vector and an
+aim point [m]. The columns after z may be ``NULL``. In SolarPILOT, z is the height of the mirror's centre above the
+centre of a mirror at the tower's foot. If all pivots are equally high, SolarPILOT's z equals z in this package: the
+height of the heliostat's base above the tower's base.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ from heliosweep.lazy import scipy
 
 #: Maximum number of heliostats of a layout.
 MAX_HELIOSTATS = 1_000_000
-#: Distance from the tower beyond which coordinates are probably map coordinates or in a wrong unit. [m]
+#: Distance from the tower beyond which coordinates are probably map coordinates, or not in metres. [m]
 FARTHEST = 100e3
-#: Maximum number of heliostats for which computing all distances is faster than importing SciPy.
+#: Maximum number of heliostats for which computing all pairwise distances is faster than importing SciPy.
 FEW = 500
-#: Value of a study key that selects the layout column.
+#: Value of a study key that selects the corresponding layout column.
 LAYOUT = "layout"
 _POSITION = ("x", "y", "z")
 
@@ -65,7 +65,7 @@ class Property(NamedTuple):
     optical: bool = True
 
 
-#: Columns that affect results, by name.
+#: Layout columns that affect results, by name.
 PROPERTIES = {
     "width": Property("heliostat.width", "m", 0.0, 1000.0, False),
     "height": Property("heliostat.height", "m", 0.0, 1000.0, False),
@@ -97,8 +97,8 @@ class Layout:
     x, y, z : array_like, shape (heliostat,)
         Position of each heliostat's base east, north and up from the base of the tower. [m]
     columns : mapping of str to array, optional
-        Properties (`PROPERTIES`) and labels of each heliostat, such as its name, as float64, int64 or str arrays. They
-        become coordinates of the result.
+        Properties (`PROPERTIES`) and labels of each heliostat, such as its name, as float64, int64 or str arrays. The
+        columns become coordinates of the result.
     name : str, optional
         Name of the file as given by the user, or name of the generator.
     lines : array_like of int, shape (heliostat,), optional
@@ -146,8 +146,8 @@ class Layout:
     def matches(self, labels: Sequence[str]) -> NDArray[np.int64]:
         """Return the index of each heliostat in `labels`, or -1 if it is not listed, shape (heliostat,).
 
-        A heliostat is listed by its `name`, otherwise by its `id`, or by its number if no other heliostat has this
-        name.
+        A label is a value of the column ``name``, otherwise of ``id``. A label that is not in this column is a
+        heliostat number.
         """
         column = self.columns.get(label_of(self.columns), np.full(len(self), ""))
         names, index = [*map(str, column)], {label: at for at, label in enumerate(labels)}
@@ -160,7 +160,7 @@ class Layout:
         return f"heliostat {self.numbers[row]}" + ("" if self.lines is None else f" (line {self.lines[row]})")
 
     def part(self, rows: NDArray[np.int64]) -> Layout:
-        """Return the layout of the heliostats in these rows."""
+        """Return a layout with only the heliostats in the given rows."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         lines = None if self.lines is None else self.lines[rows]
         return Layout(
@@ -169,7 +169,7 @@ class Layout:
         )  # fmt: skip
 
     def values(self, name: str, given: float | str | None = None, otherwise: float = np.nan) -> NDArray[np.float64]:
-        """Return a property of each heliostat.
+        """Return the values of a property, one for each heliostat.
 
         Parameters
         ----------
@@ -239,7 +239,7 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> lis
     x, y, z : array_like, shape (heliostat,)
         Finite positions. [m]
     limit : array_like, shape (heliostat,) or scalar
-        Minimum distance between centres. For heliostats with different limits, the mean of both limits is used. [m]
+        Minimum distance between centres. For two heliostats with different limits, the mean of the limits is used. [m]
 
     Returns
     -------
@@ -271,16 +271,16 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     ----------
     layout : Layout
     width, height : array_like, shape (heliostat,) or scalar
-        Sides of the mirrors; for a sweep, the maximum. [m]
+        Sides of the mirrors; for swept sides, the maximum. [m]
 
     Returns
     -------
     problems : list of Problem
-        Problems are reported if there are no heliostats, if coordinates are not finite or unrealistically large, if two
-        heliostats have equal positions, and if centres are closer than the shorter side of the mirrors.
+        Problems are an empty layout, coordinates that are infinite, NaN or unrealistically large, equal positions of
+        two heliostats, and centres closer together than the shorter side of the mirrors.
     warnings : list of Problem
         One warning if centres are closer than the diagonal of the mirrors, because two freely rotating mirrors could
-        then touch. Actual orientations in a study are not checked.
+        touch. Actual orientations in a study are not checked.
     """
     if not len(layout):
         return [Problem("the layout has no heliostats", file=layout.name)], []
@@ -325,7 +325,7 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
 
 
 def _listed(layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: Iterable[str]) -> list[Problem]:
-    """Return one problem for each of the first rows, and one problem that counts the remaining rows."""
+    """Return a problem for each of the first invalid rows, and one problem that counts the remaining rows."""
     problems = (
         Problem(f"heliostat {row} {message}", "", layout.name, None if layout.lines is None else int(layout.lines[row]))
         for row, message in zip(rows, messages, strict=True)
@@ -392,7 +392,7 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
 def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
     """Read a layout from the text of a CSV file, like `read_csv`."""
     lines, texts = table_lines(text)
-    if not re.search(r"[,;\t]", "".join(texts)):  # a file written by numpy.savetxt
+    if not re.search(r"[,;\t]", "".join(texts)):  # the file was written by numpy.savetxt
         texts = [",".join(line.split()) for line in texts]
     header = next((row for row, line in enumerate(texts[:1000]) if _is_header(line)), 0)
     separator = separator_of("".join(texts[header : header + 1]))
@@ -484,7 +484,7 @@ def _scales_of(table: Table, keys: Sequence[str], units: Sequence[str]) -> dict[
 
 
 def _typed(texts: list[str]) -> NDArray | None:
-    """Return a column as int64, as float64 with NaN for gaps, or as strings; None if it is empty or ``NULL``."""
+    """Return a column as int64, float64 (NaN for gaps) or strings; None if the column is empty or ``NULL``."""
     if set(texts) <= {"", "NULL"}:
         return None
     values, words = numbers(texts), np.array([text[:100] for text in texts], str)
@@ -509,11 +509,11 @@ def _letters(title: str) -> str:
 
 
 def write_csv(layout: Layout, path: str | Path) -> None:
-    """Write a layout to a CSV file, from which `read_csv` restores identical numbers; replace an existing file.
+    """Write a layout to a CSV file from which `read_csv` restores identical numbers. An existing file is replaced.
 
-    The file appears under its name only when it is complete. The layout's notes are written as comments before the
-    table. Text that looks like a number will be read as a number. Raises HeliosweepError if the file cannot be written;
-    partial files are removed.
+    The file appears under the given name only when it is complete. The layout's notes are written as comments before
+    the table. Text that looks like a number will be read as a number. Raises HeliosweepError if the file cannot be
+    written; partial files are removed.
     """
     columns = {"x": layout.x, "y": layout.y, "z": layout.z, **layout.columns}
     rows = zip(*(_cells(values, "") for values in columns.values()), strict=True)
@@ -525,7 +525,7 @@ def write_solarpilot(layout: Layout, path: str | Path) -> None:
 
     The table contains positions and the `SOLARPILOT_COLUMNS` of the layout; other columns are omitted. Heliostats with
     equal mirror sizes have equal templates. An existing file is replaced when the new file is complete. Raises
-    StudyError if one of these columns contains text, and HeliosweepError if the file cannot be written.
+    StudyError if one of the `SOLARPILOT_COLUMNS` contains text, and HeliosweepError if the file cannot be written.
     """
     given = {key: values for key, values in layout.columns.items() if key in SOLARPILOT_COLUMNS}
     for key, values in given.items():

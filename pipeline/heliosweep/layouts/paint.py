@@ -2,20 +2,21 @@
 
 A folder contains one file ``*tower-measurements.json``, and a file ``*heliostat-properties.json`` for each heliostat. A
 heliostat's name is the name of its subfolder, or the part of the file name before a hyphen, as in
-``AA39-heliostat-properties.json``. Positions are WGS84 latitudes and longitudes [deg] and heights [m]. They are
-converted to metres towards east, north and up (`local_positions`). The data are described in doi
+``AA39-heliostat-properties.json``. Positions are WGS84 latitudes and longitudes [deg] and heights [m]. These positions
+are converted to metres east, north and up of an origin (`local_positions`). The database is described in doi
 10.1038/s41560-026-02070-1. This package models a heliostat as a rectangle with a grid of equal facets that are canted
 on axis, and a target as a rectangle. `Plant.notes` lists the differences.
 
 A file ``*calibration-properties*.json`` contains one measured spot, with the positions of both motors, the sun
 position, the target and the centre of the spot. The heliostat is identified by the file name
-(``AA39-calibration-properties_1.json``), otherwise by the folder of the file or its parent folder. If there is only one
-heliostat, no name is needed.
+(``AA39-calibration-properties_1.json``), otherwise by the folder of the file or the parent folder. A single heliostat
+needs no name.
 
-The first axis of these mounts is horizontal and points east. The second axis is mounted on the first. The mirror faces
-up if both angles are zero. The mounts are therefore ``tilt_roll`` mounts with ``axis_azimuth: 90``. The primary angle
-is minus PAINT's first angle, and the secondary angle is PAINT's second angle. Azimuths of the sun are measured from
-south, positive towards *east*, as in ARTIST. Only this convention reproduces the spots from the motor positions.
+The first axis of a PAINT mount is horizontal and points east. The second axis is mounted on the first. The mirror faces
+up if both angles are zero. In a study, a PAINT mount is a ``tilt_roll`` mount with ``axis_azimuth: 90``. The primary
+angle is minus PAINT's first angle, and the secondary angle is PAINT's second angle. Azimuths of the sun are measured
+from south, positive towards *east*, as in ARTIST. Only with this convention do the motor positions reproduce the
+measured spots.
 """
 
 from __future__ import annotations
@@ -43,12 +44,12 @@ from heliosweep.sun import direction
 SEMI_MAJOR_AXIS, FLATTENING = 6378137.0, 1 / 298.257223563
 #: Layout columns that contain the motor steps per degree of the primary and secondary angles.
 STEPS = ("azimuth_steps", "elevation_steps")
-#: Image evaluations that provide spot centres; the first is the default.
+#: Image evaluations that provide spot centres; the first evaluation is the default.
 EVALUATIONS = ("UTIS", "HeliOS")
 
 #: Tolerance for facet centres and sizes in a regular grid. [m]
 _OFF_GRID = 5e-3
-#: Number of decimals of lengths in fields: 1 micrometre.
+#: Number of decimals of the lengths in a field: resolution of 1 micrometre.
 _DIGITS = 6
 _PROPERTIES, _SPOTS, _TOWER = "heliostat-properties.json", "calibration-properties", "*tower-measurements.json"
 _SOURCE = (
@@ -58,7 +59,7 @@ _SOURCE = (
 
 
 class Plant(NamedTuple):
-    """Measured field in the form of study blocks."""
+    """Measured field, in the form of study blocks."""
 
     #: Heliostat pivots relative to the point below the target's centre, with mirror sizes, ``id`` and
     #: ``canting_distance``.
@@ -69,7 +70,7 @@ class Plant(NamedTuple):
     heliostat: dict[str, Any]
     #: Block ``receiver`` that describes the target.
     receiver: dict[str, Any]
-    #: Summary of the folder's contents, and properties that a study cannot express.
+    #: Summary of the folder's contents, and plant properties that a study cannot express.
     notes: tuple[str, ...]
     #: Distance of each mirror's surface from its pivot. [m]
     offsets: tuple[float, ...] = ()
@@ -84,7 +85,7 @@ class PaintSpots(NamedTuple):
     mount: dict[str, Any]
     #: Columns of ``calibration.spots``: positions and offsets [m], sun vectors [1] and angles [deg].
     columns: dict[str, NDArray[Any]]
-    #: Comments on the origin of the spots, and the study blocks.
+    #: Comments on the origin of the spots, and the study blocks as text.
     notes: tuple[str, ...]
 
 
@@ -105,8 +106,8 @@ def local_positions(place: ArrayLike, origin: Sequence[float]) -> Floats:
 
     Notes
     -----
-    The conversion from geographic to geocentric and then to topocentric coordinates is exact. It uses methods 9602 and
-    9836 of IOGP (2019), Geomatics guidance note 7-2.
+    The conversion from geographic to geocentric and then to topocentric coordinates is exact. The conversion uses
+    methods 9602 and 9836 of IOGP (2019), Geomatics guidance note 7-2.
     """
     latitude, longitude = np.radians(origin[:2])
     east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
@@ -133,7 +134,7 @@ class _Record(Block):
 @dataclass(frozen=True)
 class _Position(Parameter):
     def read(self, raw: Any) -> tuple[float, ...]:
-        """Return the three numbers. Raises Invalid."""
+        """Return the three coordinates as numbers. Raises Invalid."""
         if not isinstance(raw, list | tuple) or len(raw) != 3:
             raise Invalid("must be [latitude, longitude, height]")
         kinds = (_number("deg", -90, 90), _number("deg", -180, 180), _number("m", -500, 10_000))
@@ -187,7 +188,7 @@ _ACTUATOR: Any = _record(
 
 
 class Actuator(_ACTUATOR):
-    """Linear actuator that forms one side of a triangle and rotates a joint.
+    """Linear actuator that rotates a joint and forms one side of a triangle.
 
     The other two sides, `offset` and `pivot_radius`, meet at the joint. The stroke is `initial_stroke_length` at motor
     position 0, and increases by 1 / `increment` with each motor count.
@@ -230,7 +231,7 @@ def _read_record(path: Path, kind: Any) -> Any:
 
 
 def _need(good: Any, path: Path, keys: tuple[str, ...], message: str) -> None:
-    """Raise a StudyError that refers to the line of a key in a file if a requirement is not met."""
+    """If a requirement is not met, raise a StudyError that refers to the line of the key in the file."""
     if not good:
         raise StudyError(read(path).problem(keys, message))
 
@@ -336,8 +337,8 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
 def _read_tower(folder: Path, target: str) -> tuple[tuple[float, ...], dict[str, Any], Floats, str]:
     """Read one target of the tower. Raises a StudyError that refers to lines of the file.
 
-    Returns the latitude, longitude [deg] and height [m] of the plant, the study block, the centre of the target, shape
-    (3,) [m], and a note on the curvature of the target, which the block omits.
+    Returns the latitude, longitude [deg] and height [m] of the plant, the study block, and the centre of the target,
+    shape (3,) [m]. The last value is a note on the curvature of the target, which the block omits.
     """
     towers = _files(folder, _TOWER)
     if len(towers) != 1:
@@ -436,10 +437,10 @@ def read_paint_spots(
         heliostat.
     target : str
         Target whose centre is the origin of the spot coordinates, and whose plane contains the spots. Spots on other
-        targets are moved to this plane along the beam from the mirror's centre. This is exact except for the residual
-        of the fit, which grows in proportion to the distance.
+        targets are moved to this plane along the beam from the mirror's centre. The new position is exact except for
+        the residual of the fit, which grows in proportion to the distance.
     evaluation : {"UTIS", "HeliOS"}
-        Image evaluation that provides the spot centres.
+        Image evaluation from which the spot centres are read.
 
     Returns
     -------

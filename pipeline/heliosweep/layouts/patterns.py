@@ -1,7 +1,7 @@
 """Generate fields as parts of infinite patterns: staggered rings, the phyllotaxis spiral and parallel rows.
 
 A field of staggered rings consists of zones. All rings of a zone have the same angular pitch, and each ring is rotated
-by half a pitch relative to the previous ring. Every second ring therefore has heliostats at the same azimuths, and each
+by half a pitch relative to the previous ring. Heliostats in every second ring therefore have equal azimuths, and each
 heliostat sees the tower between two heliostats of the previous ring. The distance between neighbours increases outwards
 until a new zone with a smaller pitch starts. Neighbours in the first ring of a zone, and neighbours in successive
 rings, are one clearance apart, as in the field of Chong and Tan [1]_. If low blocking is more important than a small
@@ -38,11 +38,11 @@ from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 #: Maximum number of pattern positions that are examined.
 MOST_PLACES = 4 * MAX_HELIOSTATS
 
-#: Spacing within a ring at which an automatic zone ends, as a multiple of the clearance, and relative shortfall of a
+#: Spacing within a ring at which an automatic zone ends, as a multiple of the clearance. Relative shortfall of a
 #: distance that is treated as a rounding error.
 WIDEST_SPACING, ROUNDING = 1.7, 1e-12
 
-#: Pattern positions x and y within a radius [m], the values that order heliostats for selection, and columns.
+#: Pattern positions x and y within a radius [m], values that order the positions for selection, and layout columns.
 Places: TypeAlias = tuple[Floats, Floats, NDArray[Any], dict[str, NDArray[Any]]]
 
 
@@ -71,7 +71,7 @@ class Spacing(NamedTuple):
         return (no_blocking_radius(radius, self.receiver, self.height) - radius) / 2
 
     def apart(self, radius: float) -> float:
-        """Return the distance between neighbours that the rule requires in the first ring of a zone, or 0. [m]"""
+        """Return the minimum distance between neighbours in the first ring of a zone; 0 if the rule has none. [m]"""
         return delsol_azimuthal(self.elevation(radius), self.width) if self.rule == "delsol" else 0.0
 
     def reaches(self, radius: float) -> bool:
@@ -100,8 +100,8 @@ def delsol_radial(elevation: float, height: float) -> float:
 
     Notes
     -----
-    This is the fit of DELSOL3 [2]_ with the coefficients in its code. Publications with 1.44 instead of 1.144 have lost
-    a digit. Their other coefficients are rounded from the code.
+    The distance is the fit of DELSOL3 [2]_ with the coefficients in the code of DELSOL3. Some publications misprint the
+    coefficient 1.144 as 1.44, and round the other coefficients.
     """
     return height * (1.1442399 / math.tan(elevation) - 1.093519 + 3.0683558 * elevation - 1.1255617 * elevation**2)
 
@@ -109,8 +109,8 @@ def delsol_radial(elevation: float, height: float) -> float:
 def delsol_azimuthal(elevation: float, width: float) -> float:
     """Return the distance between neighbours of a ring by the fit of DELSOL3 for rectangular mirrors. [m]
 
-    Parameters are as in `delsol_radial`, but with the width of the mirror instead of its height. The last term is often
-    printed as 0.2873 m, which applies only to mirrors 10 m wide.
+    The parameters are as in `delsol_radial`, but with the width of the mirror instead of the height. The last term is
+    often printed as 0.2873 m, which applies only to mirrors 10 m wide.
     """
     return width * (1.7490871 + 0.63964099 * elevation + 0.028726279 / (elevation - 0.049023315))
 
@@ -130,8 +130,8 @@ def no_blocking_radius(radius: float, receiver: float, height: float) -> float:
     Returns
     -------
     float
-        Radius at which the line from the mirror's centre to the receiver passes the centre of the mirror in front at a
-        distance of `height`. [m]
+        Radius at which the line from the mirror's centre to the receiver is `height` away from the centre of the mirror
+        in front. [m]
     """
     h, up = height, receiver
     return (radius * up**2 + up * h * math.sqrt(radius**2 + up**2 - h**2)) / (up**2 - h**2)
@@ -148,29 +148,29 @@ def radial_stagger(
 ) -> Layout:
     """Generate a radial-staggered layout on level ground.
 
-    The layout is symmetric about the north-south line unless its region is not. The extent of the field is specified by
-    exactly one of `rings`, `heliostats` and `zones`, or by the region. Bounds that are checked in study files, such as
-    positive numbers, are not checked here.
+    The layout is symmetric about the north-south line unless the region is asymmetric. The extent of the field is
+    specified by exactly one of `rings`, `heliostats` and `zones`, or by the region. Bounds that are checked in study
+    files, such as positive numbers, are not checked here.
 
     Parameters
     ----------
     clearance : float
         Minimum distance between the centres of any two heliostats. [m]
     inner_radius : float, optional
-        Radius of the first ring, at least half a clearance. It may be omitted if `zones` is given; if both are given,
-        it must equal the start of the first zone. [m]
+        Radius of the first ring, at least half a clearance. The radius may be omitted if `zones` is given. If
+        `inner_radius` and `zones` are given, the radius must equal the start of the first zone. [m]
     rings : int, optional
         Number of rings in automatic zones.
     heliostats : int, optional
         Number of heliostats in automatic zones. Surplus heliostats of the last ring are removed from south to north on
-        both sides. If only one heliostat of a pair is kept, it is the eastern one.
+        both sides. If only one heliostat of a pair is kept, the western heliostat is removed.
     zones : sequence of Zone, optional
         Zones from the tower outwards, as in a study. Each zone starts at least one clearance beyond the last ring of
         the previous zone.
     spacing : Spacing, optional
         Rule for larger distances between rings and between neighbours in automatic zones.
     region : Region, optional
-        Ground on which heliostats may be placed. Rings keep their numbers from the full field.
+        Ground on which heliostats may be placed. The numbers of rings do not depend on the region.
 
     Returns
     -------
@@ -191,16 +191,16 @@ def radial_stagger(
         r(k+1) = r(k) cos(p/2) + sqrt(c^2 - r(k)^2 sin^2(p/2)),  at least r(k-1) + c,
 
     so that heliostats in ring k+1 are one clearance from their neighbours in ring k, and at least one clearance from
-    ring k-1 at the same azimuths. The pitch of a zone that starts at radius r is 2 asin(c / 2r).
+    ring k-1 at the same azimuths. The pitch of a zone with the first ring at radius r is 2 asin(c / 2r).
 
-    If the pitch is within 0.1 % of 360 deg / n, it is set to this value and the rings are closed, unless heliostats
-    would be too close together. Otherwise the rings are filled from north on both sides, at 0, p, 2p, ... or p/2, 3p/2,
-    ..., as long as heliostats are one clearance apart across the gap in the south. An additional heliostat is placed
-    due south if it is at least one clearance from all others.
+    If the pitch is within 0.1 % of 360 deg / n, the pitch is set to this value and the rings are closed. An exception
+    is a pitch at which heliostats would be too close together. Otherwise the rings are filled from north on both sides,
+    at 0, p, 2p, ... or p/2, 3p/2, ..., as long as heliostats are one clearance apart across the gap in the south. An
+    additional heliostat is placed due south if this position is at least one clearance from all other heliostats.
 
     An automatic zone ends before the spacing within a ring exceeds 1.7 clearances, and the next zone starts one
-    clearance further out. If `spacing` is given, it determines the minimum distances and the ends of zones, and all
-    rings are closed.
+    clearance further out. If `spacing` is given, the spacing rule determines the minimum distances and the ends of
+    zones, and all rings are closed.
 
     Examples
     --------
@@ -280,7 +280,7 @@ def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
 
 
 def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[_Ring]:
-    """Yield rings as far as the spacing is defined, or without end. A new zone starts if gaps are too wide."""
+    """Yield rings as long as the spacing rule (if any) is defined. A new zone starts if gaps are too wide."""
     delsol = spacing is not None and spacing.rule == "delsol"
     while spacing is None or spacing.reaches(start):
         pitch, closed = _pitch(clearance, start)
@@ -309,7 +309,7 @@ def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[
     pitch = finest if given is None else given
     count = round(360 / pitch)
     if 360 / count < finest * (1 - ROUNDING):
-        count -= 1  # with this number, neighbours would be too close together
+        count -= 1  # with this number of heliostats, neighbours would be too close together
     if abs(360 / count - pitch) <= 1e-3 * pitch:
         return 360 / count, count
     return pitch, None
@@ -318,7 +318,7 @@ def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[
 def _zone(
     clearance: float, start: float, pitch: float, closed: int | None, spacing: Spacing | None = None
 ) -> Iterator[_Ring]:
-    """Yield the rings of a zone until another heliostat fits between neighbours; with `spacing`, without end."""
+    """Yield the rings of a zone until another heliostat fits between neighbours, or endlessly if `spacing` is given."""
     half = math.radians(pitch) / 2
     before, ring, staggered = -math.inf, _Ring(start, np.empty(0)), False
     while True:
@@ -336,12 +336,12 @@ def _zone(
 def _ring(
     radius: float, pitch: float, closed: int | None, staggered: bool, clearance: float, before: float, previous: Floats
 ) -> _Ring:
-    """Return a ring filled from north on both sides, starting at half a pitch if it is staggered.
+    """Return a ring filled from north on both sides, starting at half a pitch if `staggered` is True.
 
     A closed ring has equal angular steps. An open ring has a gap in the south that may contain one heliostat. Only the
-    previous ring can be too close, because earlier rings are at least one clearance further in. `before` and `previous`
-    are its radius and azimuths. Staggering ensures the distance to the previous ring, even across the gap, except for a
-    heliostat due south in either ring.
+    previous ring can be too close, because earlier rings are at least one clearance further in. The radius and the
+    azimuths of the previous ring are `before` and `previous`. Staggering ensures the distance to the previous ring,
+    even across the gap, except for a heliostat due south in either ring.
     """
     first = 0.5 if staggered else 1.0
     if closed is not None:
@@ -357,7 +357,7 @@ def _ring(
 
 
 def _angle_apart(radius: float, other: float, distance: float) -> float:
-    """Return the azimuth difference [deg] at which two points at these radii are `distance` apart."""
+    """Return the azimuth difference [deg] at which points at the two radii are `distance` apart."""
     sine_squared = (distance**2 - (radius - other) ** 2) / (4 * radius * other)
     return math.degrees(2 * math.asin(math.sqrt(min(max(sine_squared, 0.0), 1.0))))
 
@@ -378,7 +378,7 @@ def spiral(
     inner_radius : float
         Radius without heliostats. [m]
     heliostats : int, optional
-        Number of heliostats, selected outwards from the tower. It may be omitted if the region is bounded.
+        Number of heliostats, selected outwards from the tower. The number may be omitted if the region is bounded.
     region : Region, optional
         Ground for heliostats.
 
@@ -460,7 +460,7 @@ def rows(
         near = far <= radius
         x = right * math.cos(turn) + ahead * math.sin(turn)
         y = ahead * math.cos(turn) - right * math.sin(turn)
-        # Round to 1 nm, so that mirror-symmetric positions have equal distances.
+        # Round to 1 nm, so that mirror-symmetric positions are at equal distances.
         return x[near], y[near], np.round(far, 9)[near], {"row": row.ravel()[near]}
 
     wanted = (heliostats or 1) * spacing * distance / math.pi
@@ -485,10 +485,10 @@ def _cut(
     heliostats: int | None,
     region: Region | None,
 ) -> Layout:
-    """Cut a field out of a pattern.
+    """Select the heliostats of a field from a pattern.
 
-    `places` returns the pattern positions within a radius. `reach` is the initial radius, at which positions may
-    already suffice. [m]
+    The function `places` returns the pattern positions within a radius. The radius starts at `reach` [m] and is
+    increased until there are enough positions.
     """
     region = region or Region()
     if heliostats is not None and heliostats > MAX_HELIOSTATS:

@@ -1,4 +1,4 @@
-"""Layouts of a study: one layout, or one for each combination of swept keys in the block ``layout``."""
+"""Read or generate the layouts of a study, one for each combination of swept keys in the block ``layout``."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from heliosweep.lazy import shapely, xr
 
 #: Layout columns that contain mirror sizes.
 SIZE_COLUMNS = ("width", "height")
-#: Maximum number of sweep points that are checked, and maximum total number of heliostats in these points. For layouts
-#: that are not checked, kernels report faults or remain exact.
+#: Maximum number of sweep points that are checked, and maximum total number of heliostats in these points. Faults of
+#: unchecked layouts are reported by the kernels, or do not affect the accuracy.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
 #: Maximum number of layouts in a sweep, and maximum number that the plan generates to count heliostats.
 MAX_LAYOUTS, MAX_MADE = 100_000, 6_000
-#: Plant keys that affect the spacing if it increases with distance.
+#: Plant keys that affect the spacing of heliostats if it increases with the distance from the tower.
 SPACED_BY = ("receiver.height", "heliostat.pivot_height", "heliostat.width", "heliostat.height")
 
 
@@ -41,7 +41,7 @@ class Layouts:
     study : Study
         Study with a layout block.
     key : str
-        Key of the layout block.
+        Study key of the layout block.
     """
 
     def __init__(self, study: Study, key: str = "layout") -> None:
@@ -68,7 +68,7 @@ class Layouts:
         Raises
         ------
         StudyError
-            If the layout file or the generator parameters are invalid. Each problem refers to its line in the study or
+            If the layout file or the generator parameters are invalid. Each problem refers to a line in the study or
             layout file.
         """
         sweeps = [{key: sweep for key, sweep in dim.sweeps.items() if self.depend_on(key)} for dim in self.dimensions]
@@ -101,11 +101,11 @@ class Layouts:
             raise StudyError([self._located(file, problem) for problem in error.problems]) from None
 
     def some(self, worst: Mapping[str, Callable[..., Any]] | None = None) -> Iterator[tuple[Layout, dict[str, Any]]]:
-        """Yield the layouts to check, each with the values of all relevant keys.
+        """Yield the layouts to be checked, each with the values of all relevant keys.
 
-        `worst` contains the relevant keys that are not layout keys. Each has a function (`min` or `max`) that selects
-        its worst value. Only this value is checked, unless the key is tied to another relevant key. For a drawn key,
-        the worst value is the worst possible draw.
+        `worst` contains the relevant keys that are not layout keys. Each key has a function (`min` or `max`) that
+        selects its worst value. Only the worst value is checked, unless the key is tied to another relevant key. For a
+        drawn key, the worst value is the worst possible draw.
         """
         study, worst = self._study, worst or {}
         given = {key: value for key, _, value in study.parameters()}
@@ -150,7 +150,7 @@ class Layouts:
         return None if name is None else read_area(self._study.resolve(name), key, self.block.origin or AT_TOWER)
 
     def _moved(self, layout: Layout) -> Layout:
-        """Return a layout with positions and aim points relative to the tower."""
+        """Return the layout with positions and aim points relative to the tower."""
         if self.block.origin is None:
             return layout
         east, north = self.block.origin
@@ -159,11 +159,11 @@ class Layouts:
         return replace(layout, x=layout.x - east, y=layout.y - north, columns={**layout.columns, **aims})
 
     def uses(self, layout: Layout) -> list[str]:
-        """Return the layout columns that the study uses: properties for which the study itself has no value."""
+        """Return the layout columns that the study uses: properties for which the study has no value."""
         return [name for name in PROPERTIES if name in layout.columns and self._use(name) is None]
 
     def _use(self, name: str) -> str | None:
-        """Return the reason why the study does not use a layout property, or None if it does."""
+        """Return the reason why the study does not use a layout property, or None if the study uses it."""
         wanted = PROPERTIES[name]
         block, _, key = wanted.key.partition(".")
         if "optics" not in type(self._study).model_fields:
@@ -243,7 +243,7 @@ class Layouts:
         return replace(layout, z=z + 0.0)
 
     def _located(self, file: str | None, problem: Problem) -> Problem:
-        """Add to a problem the study key that causes it, unless it has a file line or only counts other problems."""
+        """Add the study key to a problem, unless the problem refers to a line or only counts other problems."""
         if problem.line or problem.unlisted:
             return problem
         key, start = ("file", f"{file}: ") if file is not None else (problem.key, "")
@@ -251,7 +251,7 @@ class Layouts:
 
 
 def values_at(dimensions: Iterable[Mapping[str, Sweep]], index: Iterable[int]) -> dict[str, Any]:
-    """Return the values of the swept keys for one index along each dimension."""
+    """Return the values of the swept keys at an index along each dimension."""
     return {key: sweep[position] for dim, position in zip(dimensions, index, strict=True) for key, sweep in dim.items()}
 
 
@@ -260,7 +260,7 @@ _read = read_once(8)(read_csv)
 
 @lru_cache(maxsize=8)
 def _generated(kind: str, region: Region | None, **given: Any) -> Layout:
-    """Generate a layout. Raises StudyError, in which each problem has its key in the block ``layout``."""
+    """Generate a layout. Raises StudyError, in which each problem contains its key in the block ``layout``."""
     try:
         return PATTERNS[kind](**given, region=region)
     except StudyError as error:
@@ -297,7 +297,7 @@ class LayoutAxis:
         self.size = max(map(len, self._layouts))
 
     def at(self, position: Mapping[str, int]) -> Layout:
-        """Return the layout at a point of the result, given the point's index along each dimension."""
+        """Return the layout at a point of the result, given the index of the point along each dimension."""
         place = tuple(position[dim] for dim in self.dims)
         return self._layouts[int(np.ravel_multi_index(place, self._shape)) if place else 0]
 
@@ -349,7 +349,7 @@ def longest(study: Study, key: str = "layout") -> int:
         return int(max(heliostats.values()) if isinstance(heliostats, Sweep) else heliostats)
     found: dict[str, int] = study.__dict__.setdefault("_longest", {})  # copies of the study do not share this cache
     most = found.get(key) or max(map(len, layouts))
-    if all(getattr(layouts.block, name) is None for name in ("file", *AREAS)):  # files may change
+    if all(getattr(layouts.block, name) is None for name in ("file", *AREAS)):  # files may change between calls
         found[key] = most
     return most
 
@@ -366,7 +366,7 @@ def _counted(study: Study, key: str) -> Layouts:
 
 
 def weighted_mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the weighted mean over the last dimension. Its rounding does not depend on chunks.
+    """Return the weighted mean over the last dimension, with a rounding error that does not depend on chunks.
 
     Values with zero weight, including NaN, are omitted. The mean is NaN if all weights are zero.
     """
