@@ -54,8 +54,10 @@ class Key:
         Description of the allowed values, and the default in YAML (empty if there is no default).
     required : bool
         True if the key is required in its block.
-    swept, sampled : bool
-        True if the value can be swept, and True if the values are instants over which results are averaged.
+    swept : bool
+        True if the value can be swept.
+    sampled : bool
+        True if the values are instants over which results are averaged.
     only : str
         Kinds of the block that have this key; empty if all kinds have the key.
     """

@@ -136,7 +136,7 @@ def population(keys: int, goals: int) -> int:
 
 
 def searchable(block: type[Block], prefix: str = "") -> dict[str, Parameter]:
-    """Return the declarations of the keys of a block that a search can vary, by dotted key."""
+    """Return the declarations of all keys in a block that can be searched, by dotted key."""
     found: dict[str, Parameter] = {}
     for name, field in block.model_fields.items():
         declared = block.parameter(name)

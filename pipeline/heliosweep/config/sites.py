@@ -293,7 +293,7 @@ def site_notes(study: Study) -> Iterator[str]:
 
 
 def places_of(study: Study) -> tuple[Site | NamedSite, ...]:
-    """Return all sites of a study in order. The tuple is empty if there are none. Raises StudyError."""
+    """Return all sites of a study in order. The tuple is empty if the study has no sites. Raises StudyError."""
     single: Site | None = getattr(study, "site", None)
     return site_table(study) if single is None else (single,)
 

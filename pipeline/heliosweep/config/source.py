@@ -97,7 +97,7 @@ class Source:
         return tuple(path)
 
     def problem(self, path: Path, message: str, *, at_key: bool = False) -> Problem:
-        """Return a problem located at the value of `path` or, with `at_key`, at its key.
+        """Return a problem at the position of the value of `path` or, with `at_key`, of the key.
 
         If the file has no such path, the problem is located at the nearest enclosing key.
         """
@@ -263,7 +263,6 @@ class _Reader:
         return data
 
     def check(self, event: Any, at: Path) -> None:
-        """Reject contents that are not allowed in keys and values of study files."""
         place = _place(event.start_mark)
         if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
             self.refuse("anchors (&) and aliases (*) are not allowed: write the value out", place, at)

@@ -2,7 +2,7 @@
 
 A table is a text file in UTF-8 or, with a byte-order mark, in UTF-16. The first row is a header. Cells are separated by
 commas, semicolons or tabs. With semicolons or tabs, numbers may have decimal commas. Empty lines and comments are
-skipped. Ambiguous numbers and dates are rejected. The columns are declared as data::
+skipped. Ambiguous numbers and dates are rejected. Columns are declared as in this example::
 
     COLUMNS = {"angle": Column("angle from the disc centre, in mrad", required=True), ...}
     table = read_table(path, name, COLUMNS, rows="angles")

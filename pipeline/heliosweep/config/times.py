@@ -70,7 +70,7 @@ def suggestion(text: str) -> str:
         return f"'{offset_text(hours if found[1] in ('', '+') else -hours)}'"
     city = text.casefold().replace(" ", "_")
     cities = sorted(name for name in zone_names() if city in (name.casefold(), name.casefold().rpartition("/")[2]))
-    if "/" in text and not cities:  # a typo; short names resemble zones with other offsets
+    if "/" in text and not cities:  # short names resemble zones with other offsets
         cities = list(filter(None, [nearest(text, zone_names())]))
     return " or ".join(f"'{name}'" for name in cities)
 

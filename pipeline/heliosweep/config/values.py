@@ -111,7 +111,7 @@ class Sweep:
         return self.items() if self.form is None else (self[0], self[-1])
 
     def spec(self) -> list[Any] | dict[str, Any]:
-        """Return the compact form as plain data for a study file."""
+        """Return the sweep as plain data for a study file, in the compact form if possible."""
         return list(self.items()) if self.form is None else self.form
 
 
@@ -288,7 +288,7 @@ def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int |
     Returns
     -------
     dict
-        ``{start, stop, step}`` or ``{start, stop, num}``, checked by `study`.
+        A range ``{start, stop, step}`` or ``{start, stop, num}``, which `study` checks.
 
     Examples
     --------
@@ -313,7 +313,7 @@ def logspace(start: Number, stop: Number, num: int) -> Swept:
     Returns
     -------
     dict
-        ``{logspace: {start, stop, num}}``, checked by `study`.
+        A geometric range ``{logspace: {start, stop, num}}``, which `study` checks.
 
     Examples
     --------
@@ -571,8 +571,7 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
 
 
 _DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
-# Factors that convert units to the first unit of their kind. The factors are decimal, so that "38 ft" is exactly
-# 11.5824 m.
+# Decimal factors from each unit to the first unit of its kind, so that "38 ft" is exactly 11.5824 m.
 _KINDS: dict[str, dict[str, Any]] = {
     "a length": {"m": 1, "mm": "0.001", "cm": "0.01", "km": 1000, "in": "0.0254", "ft": "0.3048"},
     "an angle": {

@@ -269,7 +269,6 @@ def _stated_zone(sheet: Sheet, preamble: str, longitude: float) -> str:
 
 
 def _keep(sheet: Sheet, lines: Sequence[str], first: int, *, until_blank: bool = False) -> None:
-    """Store the header and the rows from line `first`."""
     mark = sheet.separator = separator_of("".join(lines[first : first + 1]))
     end = next((at for at in range(first, len(lines)) if until_blank and not lines[at].strip()), len(lines))
     kept = [at for at in range(first, end) if lines[at].strip() and not lines[at].lstrip().startswith("#")]

@@ -118,7 +118,7 @@ class Parameters:
         return {dim: (self.part(dim).start or 0) + at for dim, at in zip(self.sizes, index, strict=True)}
 
     def timezones(self) -> list[str]:
-        """Return the time zone of each site in the region. A time zone in the block ``time`` has priority."""
+        """Return the time zone of each site in the region. A time zone in the block ``time`` applies to all sites."""
         shared: str | None = getattr(self.study, "time").timezone  # noqa: B009
         sites = self._sites[self.part("site")] or (getattr(self.study, "site"),)  # noqa: B009
         return [shared or site.timezone or "+00:00" for site in sites]

@@ -42,7 +42,7 @@ from heliosweep.lazy import xr
 BASE_MEMORY, WORKER_PROCESS_MEMORY, REPORT_MEMORY = 296 * 2**20, 100 * 2**20, 144 * 2**20
 #: Size of a NetCDF file without data. [bytes]
 EMPTY_FILE = 56 * 2**10
-#: Maximum size of the values in a block, by kind. [bytes]
+#: Maximum size of the values in a block of each kind. [bytes]
 BLOCK_BYTES = {"points": 16 * 2**20, "series": 32 * 2**20}
 #: Minimum and maximum number of evaluations in a chunk. A killed run loses only the chunks being computed.
 MIN_EVALUATIONS, MAX_EVALUATIONS = 20_000, 1_000_000
@@ -238,7 +238,7 @@ def _cut(
     free: int,
     where: Where,
 ) -> Cut:
-    """Choose blocks of limited size, and chunks that fit in the free memory with a limited number of evaluations."""
+    """Choose blocks of limited size, and chunks with limited memory and a limited number of evaluations."""
     split, parameters = workload.splittable, workload.parameters
     whole = [dim for dim in parameters if dim in workload.whole]
     swept = [(dim, 1) for dim in parameters if dim not in whole]

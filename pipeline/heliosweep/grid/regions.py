@@ -245,7 +245,7 @@ def regions(region: Region, lengths: Mapping[str, int]) -> Iterator[dict[str, sl
 def shortened(
     lengths: Mapping[str, int], order: Iterable[tuple[str, int]], fits: Callable[[Mapping[str, int]], bool]
 ) -> dict[str, int]:
-    """Halve lengths until the region fits. Dimensions are halved one after another in `order`, each down to its minimum."""
+    """Halve lengths until they fit. Dimensions are halved one after another in `order`, down to their minimum."""
     found = dict(lengths)
     for dim, minimum in order:
         while found[dim] > minimum and not fits(found):

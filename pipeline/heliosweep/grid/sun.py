@@ -341,8 +341,8 @@ class Suns:
         return self._last[1]
 
 
-#: Maximum elevation error of `_heights` on the civil clock: 4.3 deg from the equation of time, 1.7 deg from Cooper's
-#: declination with the calendar drift from 1700 to 2200, and a reserve of 1 deg. [deg]
+#: Maximum elevation error of `_heights` on the civil clock, with a reserve of 1 deg. [deg]
+#: The equation of time adds 4.3 deg; Cooper's declination with the calendar drift from 1700 to 2200 adds 1.7 deg.
 MARGIN = 7.0
 
 

@@ -88,7 +88,7 @@ class Weathers:
         return found if self._factor is None else found._replace(dni=found.dni * self._factor[index])
 
     def source(self, index: tuple[int, ...]) -> WeatherFile | str:
-        """Return the weather file at a point, or the time zone of a clear sky."""
+        """Return the weather file at a point or, for a clear sky, the time zone."""
         return self._each[0 if len(self._each) == 1 or self._axis is None else index[self._axis]]
 
 
@@ -271,7 +271,7 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
 
 
 def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
-    """Yield warnings about a file at a site: notes from reading, irradiance at night, low DNI, and closure errors."""
+    """Yield warnings about a file at a site: notes of the reader, irradiance at night, low DNI, and closure errors."""
     name = Path(file.name).name
     yield from (f"{name}: {note}" for note in file.notes)
     energy = irradiance.dni * irradiance.hours

@@ -108,7 +108,7 @@ def _checker(path: Path, key: str) -> Callable[[Any, str], None]:
 
 @read_once(8)
 def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
-    """Read polygons (GeoJSON or WKT) as one prepared geometry relative to a tower. [m]
+    """Read polygons from GeoJSON or WKT as one prepared geometry relative to a tower. [m]
 
     Raises a StudyError for `key` if the file contains no valid polygons.
     """

@@ -342,8 +342,8 @@ SOLARPILOT_COLUMNS = (
 )
 #: Titles of a column that contains one focal length for both directions.
 _BOTH = ("foc", "focus", "focallength")
-#: Columns, by their titles without spaces and punctuation. SolarPILOT uses the titles ``Loc. X`` in its layout,
-#: ``Pos-x`` in its exports and ``x_location`` in its Python interface.
+#: Column names, by title without spaces and punctuation.
+#: SolarPILOT uses the titles ``Loc. X`` in layouts, ``Pos-x`` in exports and ``x_location`` in the Python interface.
 _TITLES = {
     **{name.replace("_", ""): name for name in (*PROPERTIES, *SOLARPILOT_COLUMNS)},
     **dict.fromkeys(("templateid", "heliotemplateid"), "template"),

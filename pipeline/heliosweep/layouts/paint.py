@@ -61,8 +61,7 @@ _SOURCE = (
 class Plant(NamedTuple):
     """Measured field, in the form of study blocks."""
 
-    #: Heliostat pivots relative to the point below the target's centre, with mirror sizes, ``id`` and
-    #: ``canting_distance``.
+    #: Heliostat pivots relative to the point below the target's centre, mirror sizes, ``id`` and ``canting_distance``.
     layout: Layout
     #: Block ``site`` with the origin of the plant.
     site: dict[str, Any]
@@ -134,7 +133,6 @@ class _Record(Block):
 @dataclass(frozen=True)
 class _Position(Parameter):
     def read(self, raw: Any) -> tuple[float, ...]:
-        """Return the three coordinates as numbers. Raises Invalid."""
         if not isinstance(raw, list | tuple) or len(raw) != 3:
             raise Invalid("must be [latitude, longitude, height]")
         kinds = (_number("deg", -90, 90), _number("deg", -180, 180), _number("m", -500, 10_000))
@@ -231,7 +229,6 @@ def _read_record(path: Path, kind: Any) -> Any:
 
 
 def _need(good: Any, path: Path, keys: tuple[str, ...], message: str) -> None:
-    """If a requirement is not met, raise a StudyError that refers to the line of the key in the file."""
     if not good:
         raise StudyError(read(path).problem(keys, message))
 

@@ -38,8 +38,8 @@ from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 #: Maximum number of pattern positions that are examined.
 MOST_PLACES = 4 * MAX_HELIOSTATS
 
-#: Spacing within a ring at which an automatic zone ends, as a multiple of the clearance. Relative shortfall of a
-#: distance that is treated as a rounding error.
+#: Spacing within a ring at which an automatic zone ends, as a multiple of the clearance.
+#: Relative shortfall of a distance that is treated as a rounding error.
 WIDEST_SPACING, ROUNDING = 1.7, 1e-12
 
 #: Pattern positions x and y within a radius [m], values that order the positions for selection, and layout columns.
@@ -395,7 +395,7 @@ def spiral(
     """
 
     def places(radius: float) -> Places:
-        # Logarithms avoid overflow, because too many positions are rejected below.
+        # Use logarithms to avoid overflow; too many positions are rejected below.
         count = 0.0 if radius < a else math.exp(min(math.log(radius / a) / b, 50.0))
         _check_count(count, "b")
         k = np.arange(1, int(count) + 1)

@@ -24,8 +24,8 @@ from heliosweep.lazy import shapely, xr
 
 #: Layout columns that contain mirror sizes.
 SIZE_COLUMNS = ("width", "height")
-#: Maximum number of sweep points that are checked, and maximum total number of heliostats in these points. Faults of
-#: unchecked layouts are reported by the kernels, or do not affect the accuracy.
+#: Maximum number of sweep points that are checked, and maximum total number of heliostats in these points.
+#: Faults of unchecked layouts are reported by the kernels, or do not affect the accuracy.
 MAX_POINTS, MAX_HELIOSTATS = 200, 300_000
 #: Maximum number of layouts in a sweep, and maximum number that the plan generates to count heliostats.
 MAX_LAYOUTS, MAX_MADE = 100_000, 6_000
