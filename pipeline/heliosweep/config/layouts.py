@@ -224,7 +224,7 @@ class Layout(Block):
     @model_validator(mode="before")
     @classmethod
     def _columns_as_table(cls, data: Any) -> Any:
-        """Convert columns with any titles, such as ``layout: {x: [...], y: [...]}``, to the table of the layout."""
+        """Convert columns with any titles to the table of the layout, as in ``layout: {x: [...], y: [...]}``."""
         if not isinstance(data, dict) or {*SOURCES} & {*data}:
             return data
         known = {key: value for key, value in data.items() if key in cls.model_fields}

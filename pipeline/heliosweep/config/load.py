@@ -207,7 +207,7 @@ def load(
     changes, named
         Values by dotted key, and the text for messages about these values; see `changed`.
     check : bool
-        If True, check the relations between blocks and the files of the study.
+        If True, also check the files of the study, and the relations between blocks.
 
     Returns
     -------

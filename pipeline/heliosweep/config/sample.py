@@ -1,7 +1,7 @@
 """Define the block `sample`, and compute the design of the draws as points in the unit cube.
 
 A design has one row for each draw and one column for each drawn key. In the designs `sobol` and `random`, draw k
-depends only on the seed and on k. The first draws of a longer sample therefore equal a shorter sample. Draw k of
+depends only on the seed and on k. A shorter sample is therefore equal to the first draws of a longer sample. Draw k of
 `sobol` belongs to sequence k modulo 8 of eight Sobol sequences, which are scrambled independently [1]_. The scatter of
 the means of the eight sequences is used to estimate the error of the overall mean. A single sequence provides no error
 estimate [2]_.
@@ -62,7 +62,7 @@ class Design:
         Saltelli's design, trajectories of elementary effects, or single steps; empty if there is no sensitivity
         analysis.
     factor : tuple of tuple of float
-        Cholesky factor of the correlation of the keys, row by row; empty for independent keys.
+        Rows of the Cholesky factor of the correlation matrix of the keys; empty for independent keys.
     """
 
     kind: str

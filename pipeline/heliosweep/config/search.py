@@ -53,7 +53,7 @@ class Results(Parameter):
 
 @dataclass(frozen=True)
 class Extent(Parameter):
-    """Values of a searched key, ``[low, high]`` or ``{choice: [...]}``, before conversion to the unit of the key."""
+    """Values of a searched key before conversion to the unit of the key: ``[low, high]`` or ``{choice: [...]}``."""
 
     def read(self, raw: Any) -> Any:
         """Return bounds as a tuple, or choices as a mapping. Raises Invalid."""

@@ -1,8 +1,8 @@
 """Define the blocks for sites, weather and operating limits, and read sites from tables and weather files.
 
-If a site is given as a weather file (``site: {file: x.epw}``, ``sites: [{file: a.epw}, ...]``), the site data in its
-header replace the file name before the study is checked. Only the header of a weather file is part of the study's
-identity.
+If a site is given as a weather file, the site data in the header of the file replace the file name before the study is
+checked. Examples are ``site: {file: x.epw}`` and ``sites: [{file: a.epw}, ...]``. Only the header of a weather file is
+part of the study's identity.
 """
 
 from __future__ import annotations

@@ -168,7 +168,7 @@ def from_python(value: Any) -> Any:
     become strings. Other values are returned unchanged.
     """
     if isinstance(value, Mapping):
-        # In a file, {2: [0, -1]} has the key '2'.
+        # Keys in a file are strings: {2: [0, -1]} has the key '2'.
         return {str(key) if type(key) is int else key: from_python(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
         return [from_python(entry) for entry in value]

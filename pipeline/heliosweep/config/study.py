@@ -189,7 +189,7 @@ class Study(Block):
         }
 
     def dimension_names(self) -> dict[str, str]:
-        """Return the name of the dimension of each swept parameter, by dotted key, before `zip`."""
+        """Return the name of the dimension of each swept parameter, by dotted key, before keys are tied by `zip`."""
         declared = {key: parameter for key, parameter, _ in self.parameters()}
         return {key: declared[key].dimension or key.rpartition(".")[2] for key in self.sweeps()}
 
@@ -200,7 +200,7 @@ class Study(Block):
         return [[key_of[entry] for entry in group] for group in self.zip]
 
     def dimensions(self) -> list[Dimension]:
-        """Return the dimensions of the parameter grid after `zip`, in the order of :meth:`sweeps`; `sample` is last."""
+        """Return the dimensions of the grid, with tied keys, in the order of :meth:`sweeps`; `sample` is last."""
         sweeps, names = self.sweeps(), self.dimension_names()
         tied = {key: group for group in self.tied_keys() for key in group}
         groups: dict[str, list[str]] = {}

@@ -100,7 +100,7 @@ def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
     texts : sequence of str
         Cells such as ``21/06/2024 9:30``, ``6/21/2024 9:30 PM`` or ``20240621:0930``.
     form : str, optional
-        Format stated in the title of the column, such as ``DD/MM/YYYY hh:mm, +01:00``.
+        Format specified in the title of the column, such as ``DD/MM/YYYY hh:mm, +01:00``.
 
     Returns
     -------
@@ -178,11 +178,11 @@ class Column:
         Function that converts a cell that is not a number. The function raises a ValueError for an invalid cell, with
         the end of a message.
     dtype, missing : object
-        Type of the array, and its value for invalid cells.
+        Type of the array, and value that replaces invalid cells.
     names : tuple of str
         Alternative names of the column in titles, in the form that `variable_name` returns.
     units : tuple of str
-        Other units that are allowed in a title. `Table.units` contains the unit in the file.
+        Other units that are allowed in a title. `Table.units` contains the unit that the file uses.
     scale, offset : float
         Factor applied to the numbers in the file, and offset added to the product.
     """
@@ -355,7 +355,7 @@ class Table:
         """Record a problem of the table, of a row, or of a cell.
 
         `message` is the end of a sentence that begins with the position of the problem, and with `key` if given. `row`
-        is an index from 0, or `HEADER`. `column` is the name or the index of a column.
+        is an index counted from 0, or `HEADER` for the header. `column` is the name or the index of a column.
         """
         cause = self.header[column] if isinstance(column, int) else column or key
         if self._most == 1:
@@ -422,7 +422,7 @@ def read_table(
     Parameters
     ----------
     path, name : Path, str
-        The file, and its name in messages.
+        Path of the file, and its name in messages.
     columns : mapping of str to Column
         Declared columns. `others` allows further columns.
     most_bytes : int, optional

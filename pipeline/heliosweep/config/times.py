@@ -63,7 +63,7 @@ def offset_text(hours: float) -> str:
 
 
 def suggestion(text: str) -> str:
-    """Return a hint to the offset or time zones meant by an unknown name, such as ``UTC+2`` or ``Berlin``, or ""."""
+    """Return similar offsets or time zones for an unknown name, such as ``UTC+2`` or ``Berlin``; empty if none."""
     loose = r"(?:UTC|GMT)? *([+\u2212-]?) *([0-9]{1,2})(?::?([0-5][0-9]))? *h?"
     if (found := re.fullmatch(loose, text.strip(), re.IGNORECASE)) and int(found[2]) <= 14:
         hours = int(found[2]) + int(found[3] or 0) / 60

@@ -356,7 +356,7 @@ class Drawn(Sweep):
     weights : tuple of float
         Probability of each value of ``discrete``.
     cut : float
-        Probability outside the bounds of the key before a normal distribution was truncated.
+        Probability outside the bounds of the key before truncation of a normal distribution.
     """
 
     def __init__(self, kind: str, parts: tuple[Any, ...], weights: tuple[float, ...] = (), cut: float = 0.0) -> None:

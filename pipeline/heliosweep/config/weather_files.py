@@ -92,7 +92,7 @@ COLUMNS = {
     "hour": Column("hour", False, 0, 24, "between 0 and 24", names=("hr", "hh")),
     "minute": Column("minute", False, 0, 60, "between 0 and 60", names=("min", "mm")),
 }  # fmt: skip
-#: Site data: position of each field in the first line of a file, and its title in SAM CSV.
+#: Site data: position of each field in the first line of a file, and title of the field in SAM CSV.
 _PLACES = {
     "EPW": {"latitude": 6, "longitude": 7, "time zone": 8, "altitude": 9},
     "TMY3": {"latitude": 4, "longitude": 5, "time zone": 3, "altitude": 6},
@@ -155,7 +155,7 @@ def parse_weather(path: Path) -> Sheet:
     else:
         _read_lines(sheet, text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
     marks = {"EPW": "end", "TMY3": "end", "SolarAnywhere": "end", "SAM": "middle", "PVGIS": "middle"}
-    marks |= {"Solargis": "middle", "CAMS": "start", "NASA POWER": "start"}  # other tables do not specify the mark
+    marks |= {"Solargis": "middle", "CAMS": "start", "NASA POWER": "start"}  # the mark of other tables is unknown
     sheet.mark = sheet.mark or marks.get(sheet.kind, "")
     return sheet
 
@@ -313,9 +313,9 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
     return {"name": city.strip("- ") or fields[1] or "unnamed", **got, "timezone": zone}
 
 
-#: Year of tables that contain no year.
+#: Year assumed for tables without a year.
 YEAR = 2021
-#: Time from the mark of an interval to its middle, relative to its length. [1]
+#: Time from the marked part of an interval to the middle, relative to the length of the interval. [1]
 _TO_MIDDLE = {"start": 0.5, "middle": 0.0, "end": -0.5}
 
 
@@ -425,8 +425,8 @@ def read_weather(
     Raises
     ------
     StudyError
-        If the file is not a weather file, an interval is missing, or values are out of range. Each cause is reported at
-        the first line concerned.
+        If the file is not a weather file, an interval is missing, or values are out of range. Problems with equal
+        causes are reported once, at the first line.
     """
     sheet, notes = parse_weather(path), list[str]()
     table = Table(

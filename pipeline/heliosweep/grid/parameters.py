@@ -103,8 +103,8 @@ class Parameters:
     def points(self, *keys: str) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...]]]:
         """Yield the index and the key values of each point in the region, in the order of the result.
 
-        The index is relative to the region. A value is None if the key has no value, or if the family does not have the
-        site or sun key. Raises StudyError if the study model does not declare a key.
+        The index is counted from the start of the region. A value is None if the key has no value, or if the family
+        does not have the site or sun key. Raises StudyError if the study model does not declare a key.
         """
         for key in keys:
             if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):

@@ -429,7 +429,7 @@ class Work:
         return checked(made, of_kind(self.variables, chunk.kind), chunk.region, self.sizes)
 
     def finish(self, block: Piece, chunks: Callable[[list[str]], Chunks]) -> xr.Dataset:
-        """Return all variables of a block in the order of the file.
+        """Return all variables of a block in the order of the result file.
 
         Parameters
         ----------

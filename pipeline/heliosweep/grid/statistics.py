@@ -126,8 +126,8 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
     """Return the mean, mean magnitude and standard deviation of each parameter's elementary effects.
 
     An effect is the change of the result when the keys of a parameter change from their 12.5 % to their 87.5 %
-    quantile. The effect is scaled linearly from a step of 2/3 of this range. The sign of a group is the sign of one of
-    its keys.
+    quantile. The effect is scaled linearly from a step of 2/3 of this quantile range. The sign of a group is the sign
+    of one of its keys.
 
     Parameters
     ----------

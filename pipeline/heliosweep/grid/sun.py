@@ -112,10 +112,10 @@ def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> 
 
 
 def solar_instants(time: SolarTime) -> Instants:
-    """Return the instants of the solar clock: each hour of each day, day by day.
+    """Return the instants of the solar clock: the hours of the first day, then the hours of the next days.
 
-    The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h]. The hours follow the
-    study's sampling.
+    The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h]. The key ``sampling`` of
+    the study determines the hours.
     """
     hours, outer = time.solar_hours(), cast("Any", time.declinations())
     name, attrs = "declination", {"long_name": "declination of the sun", "units": "degree"}
@@ -356,7 +356,7 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
     margin, key, where, each = 0.0, "hours", "latitudes, days and hours", 365
     if isinstance(time, CivilTime):
         margin, key, where = np.sin(np.radians(MARGIN)), "window", "sites on these dates in this window"
-        each = max(instant_count(time), 200)  # each place takes at least as long as 200 sun positions
+        each = max(instant_count(time), 200)  # each place takes at least the time of 200 sun positions
     if not places or sum(_values(site.longitude).size for site, _ in places) * each > MAX_INSTANTS:
         return
     heights = [_heights(time, site, latitude, _values(site.longitude)).max() for site, latitude in places]

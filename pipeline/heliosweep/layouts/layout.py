@@ -106,7 +106,7 @@ class Layout:
     notes : tuple of str, optional
         Comments that precede the table in a CSV file.
     numbers : array_like of int, shape (heliostat,), optional
-        Row of each heliostat in the full layout if this layout is a part of it (default: 0, 1, ...).
+        Row of each heliostat in the full layout, if only a part of the layout is selected (default: 0, 1, ...).
     labels : tuple of str, optional
         Titles of the columns that do not affect results.
 
@@ -276,8 +276,8 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     Returns
     -------
     problems : list of Problem
-        Problems are an empty layout, coordinates that are infinite, NaN or unrealistically large, equal positions of
-        two heliostats, and centres closer together than the shorter side of the mirrors.
+        No heliostats, invalid coordinates (infinite, NaN or unrealistically large), equal positions, or centres closer
+        together than the shorter side of the mirrors.
     warnings : list of Problem
         One warning if centres are closer than the diagonal of the mirrors, because two freely rotating mirrors could
         touch. Actual orientations in a study are not checked.

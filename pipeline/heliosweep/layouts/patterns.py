@@ -4,9 +4,9 @@ A field of staggered rings consists of zones. All rings of a zone have the same 
 by half a pitch relative to the previous ring. Heliostats in every second ring therefore have equal azimuths, and each
 heliostat sees the tower between two heliostats of the previous ring. The distance between neighbours increases outwards
 until a new zone with a smaller pitch starts. Neighbours in the first ring of a zone, and neighbours in successive
-rings, are one clearance apart, as in the field of Chong and Tan [1]_. If low blocking is more important than a small
-land area, the spacing can increase with the distance from the tower, by the rule of DELSOL [2]_ or by the no-blocking
-rule [3]_.
+rings, are one clearance apart, as in the field of Chong and Tan [1]_. The spacing can also increase with the distance
+from the tower, by the rule of DELSOL [2]_ or the no-blocking rule [3]_. These rules reduce blocking but require a
+larger land area.
 
 References
 ----------
@@ -116,7 +116,9 @@ def delsol_azimuthal(elevation: float, width: float) -> float:
 
 
 def no_blocking_radius(radius: float, receiver: float, height: float) -> float:
-    """Return the minimum radius at which a mirror in front, at the same azimuth on level ground, does not block.
+    """Return the minimum radius at which a mirror is not blocked by a mirror in front.
+
+    The mirrors are at the same azimuth on level ground.
 
     Parameters
     ----------
@@ -170,7 +172,7 @@ def radial_stagger(
     spacing : Spacing, optional
         Rule for larger distances between rings and between neighbours in automatic zones.
     region : Region, optional
-        Ground on which heliostats may be placed. The numbers of rings do not depend on the region.
+        Ground on which heliostats may be placed. The ring numbers do not depend on the region.
 
     Returns
     -------
@@ -193,10 +195,10 @@ def radial_stagger(
     so that heliostats in ring k+1 are one clearance from their neighbours in ring k, and at least one clearance from
     ring k-1 at the same azimuths. The pitch of a zone with the first ring at radius r is 2 asin(c / 2r).
 
-    If the pitch is within 0.1 % of 360 deg / n, the pitch is set to this value and the rings are closed. An exception
-    is a pitch at which heliostats would be too close together. Otherwise the rings are filled from north on both sides,
-    at 0, p, 2p, ... or p/2, 3p/2, ..., as long as heliostats are one clearance apart across the gap in the south. An
-    additional heliostat is placed due south if this position is at least one clearance from all other heliostats.
+    A pitch within 0.1 % of 360 deg / n is rounded to 360 deg / n to close the rings, unless heliostats would be too
+    close together. Otherwise the rings are filled from north on both sides, at 0, p, 2p, ... or p/2, 3p/2, ..., as long
+    as heliostats are one clearance apart across the gap in the south. An additional heliostat is placed due south if
+    this position is at least one clearance from all other heliostats.
 
     An automatic zone ends before the spacing within a ring exceeds 1.7 clearances, and the next zone starts one
     clearance further out. If `spacing` is given, the spacing rule determines the minimum distances and the ends of
@@ -391,7 +393,7 @@ def spiral(
     Raises
     ------
     StudyError
-        If the parameters are impossible. The message contains the key.
+        If no field is possible with the parameters. The message contains the key.
     """
 
     def places(radius: float) -> Places:
@@ -446,7 +448,7 @@ def rows(
     Raises
     ------
     StudyError
-        If the parameters are impossible. The message contains the key.
+        If no field is possible with the parameters. The message contains the key.
     """
     turn = math.radians(azimuth)
 
