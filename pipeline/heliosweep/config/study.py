@@ -142,11 +142,11 @@ class Study(Block):
         return named_in(self._source.directory, name)
 
     def problem(self, key: str, message: str) -> Problem:
-        """Return a problem located at the value of a dotted key (``site.latitude``) in the study file."""
+        """Return a problem at the position of the value of a dotted key, such as ``site.latitude``."""
         return self._source.problem(self._source.path_of(key), message)
 
     def with_(self, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> Self:
-        """Return a copy of the study with changed values, which is validated again.
+        """Return a validated copy of the study with changed values.
 
         Parameters
         ----------

@@ -430,7 +430,7 @@ def read_table(
     rows, most_rows, needs
         Words for messages and maximum number of rows, as in `Table`.
     also : callable, optional
-        Function that records further problems of the header.
+        Function that records further problems with the header.
     titles : mapping of str to str, optional
         Titles that the file uses for declared columns, by column name. The declared names may be titles of other
         columns.

@@ -1020,7 +1020,7 @@ class ListOfNumbers(Numbers):
         return tuple(each(enumerate(raw), another))
 
     def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
-        """Yield the faults of an entry whose single numbers are valid."""
+        """Yield the faults of an entry whose individual numbers are valid."""
         yield from ()
 
     def _one_schema(self) -> Schema:

@@ -261,9 +261,9 @@ def sun_attributes(
 def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
     """Return unit vectors to the sun at one site, shape (time, 3): east, north, up; NaN for padded instants. [1]
 
-    For weather files, the instants are replaced by `lit_middles`. `place` contains the values of `PLACE`, each of which
-    may be None: latitude (positive north) and longitude (positive east) [deg], altitude [m], and for given sun
-    directions the azimuth (clockwise from north) and elevation [deg].
+    For weather files, the directions are computed at the midpoints from `lit_middles`. `place` contains the values of
+    `PLACE`, each of which may be None: latitude (positive north) and longitude (positive east) [deg], altitude [m], and
+    for given sun directions the azimuth (clockwise from north) and elevation [deg].
     """
     latitude, longitude, altitude, azimuth, elevation = (np.nan if one is None else float(one) for one in place)
     labels = {name: label.values for name, label in instants.labels.items()}
