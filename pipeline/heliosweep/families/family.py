@@ -33,39 +33,39 @@ T = TypeVar("T")
 class Computation:
     """Variables of a result and the function that computes them.
 
-    The framework allocates the arrays, calls the function for each point of a region, and adds the coordinates. It also
-    derives the required memory and disk space from the variables.
+    The framework allocates the arrays, calls the function for each point of a region, and adds the coordinates.
+    The required memory and disk space are derived from the variables.
 
     Parameters
     ----------
     function : callable
         Function that takes a `heliosweep.families.points.Point` and returns a mapping of variable names to values. Each
-        value has the inner dimensions of its variable. Omitted variables keep their missing value. Values must not
-        depend on the region in which they are computed.
+        value has the inner dimensions of its variable. Variables that the function omits have missing values. Values
+        must not depend on the region in which they are computed.
     variables : mapping of str to Variable
         Variables with their inner dimensions. The framework prepends the swept dimensions.
     labels : tuple of str
         Keys that label the result even if they are not swept.
     dims : mapping of str to int or (array, mapping)
-        Length of each inner dimension, or a pair of labels and CF attributes. Alternatively, a function that computes
-        these from the result of `inputs`. The dimensions ``time`` and ``heliostat`` are determined by the study's
-        ``time`` and ``layout`` blocks.
+        Length of each inner dimension, or a pair of its labels and their CF attributes. A function may also compute
+        the length or the pair from the result of `inputs`. The dimensions ``time`` and ``heliostat`` are determined by
+        the study's ``time`` and ``layout`` blocks.
     coordinates : callable, optional
         Function without arguments that returns a mapping of names to additional coordinates, in a form that xarray
         accepts.
     attrs : mapping or callable
         Additional attributes of the result, or a function without arguments that returns them.
     inputs : callable, optional
-        Function without arguments that reads files. Its result is available as `Point.inputs`.
+        Function without arguments that reads files. The return value is available as `Point.inputs`.
     layouts : callable, optional
         Function that takes the study and returns its layouts (default: `LayoutAxis`).
     finish : callable, optional
         Function that takes the points of a region and the data set of their values, and returns the `finished`
         variables.
     arrays : tuple of str, optional
-        If given, each call of the function computes many points. In each call, these keys have a single value. The
-        values of other swept keys are arrays with one axis for each swept dimension. All points of a call have the same
-        site and layout.
+        Keys that have a single value in each call of the function. If given, each call computes many points, and the
+        values of other swept keys are arrays with one axis for each swept dimension. All points of a call share one
+        site and one layout.
     split : str
         Inner dimension along which the computation of one point may be split, such as ``heliostat``.
     whole : tuple of str
@@ -73,13 +73,13 @@ class Computation:
     uncut : tuple of str
         Inner dimensions that are not divided into chunks.
     evaluations : int or callable, optional
-        Number of kernel evaluations for one point, or a function without arguments that returns it. By default, the
-        number of instants times the number of heliostats.
+        Number of kernel evaluations for one point, or a function without arguments that returns this number (default:
+        number of instants times number of heliostats).
     unit : str
         Name of the unit in which the plan counts evaluations.
     memory : int or callable
-        Memory needed for one point in addition to the variables, or a function without arguments that returns it.
-        [bytes]
+        Memory needed for one point in addition to the variables, or a function without arguments that returns this
+        memory. [bytes]
     fixed_memory : callable, optional
         Function without arguments that returns the memory needed even for the smallest part of a point. [bytes]
     prepare : callable, optional
@@ -128,10 +128,10 @@ class Family:
     references, keywords : tuple of str
         Publications that describe the models, and keywords for the results.
     headlines : tuple of str
-        Variables for lists of studies, in order of preference. A list shows the first variable that the result
-        contains.
+        Variables that represent a study in a list of studies, in order of preference. The list shows the first
+        variable that the result contains.
     optional : mapping of str to str
-        Variables that only some studies have, each with the key that enables it. Messages use this mapping.
+        Mapping of optional variables to the keys that enable these variables, used in messages.
     figures, tables : sequence, callable or str, optional
         Declared figures and tables, or functions that take the result and return them. By default the report draws and
         tabulates the variables along their common dimensions.
@@ -181,7 +181,7 @@ class Family:
         return cast(Computation, _declared(self._computation, study))
 
     def workload(self, study: Any) -> Workload:
-        """Return the sizes and the cost of a study, which the plan needs."""
+        """Return the dimension sizes and the computational cost of a study."""
         return _computed().workload(study, self.computation(study))
 
     def variables(self, study: Any) -> dict[str, Variable]:
@@ -208,7 +208,7 @@ class Family:
         return _computed().prepare(study, self.computation(study))
 
     def inputs(self, study: Any) -> Any:
-        """Return the contents of the files that `compute` needs. Files are read once and sent to all workers."""
+        """Return the contents of the input files. Each file is read once, and its contents are sent to all workers."""
         return _computed().inputs(study, self.computation(study))
 
     def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
@@ -226,9 +226,9 @@ class Family:
         Returns
         -------
         xarray.Dataset
-            Variables that are not `finished`. If the region has the dimension ``time``, the variables with this
-            dimension, otherwise the variables without it. Values do not depend on the region in which they are
-            computed.
+            Variables that are not `finished`. Regions with the dimension ``time`` give the variables with this
+            dimension; other regions give the variables without ``time``. Values do not depend on the region in which
+            they are computed.
         """
         return _computed().compute(study, self.computation(study), inputs, region)
 
@@ -270,7 +270,7 @@ def _resolved(declared: Any) -> Any:
 
 
 def _declared(declared: Any, of: Any) -> Any:
-    """Return a declared object. A declared function is called with `of`, which is a study or a result."""
+    """Return a declared object. If a function is declared, return its value for the study or result `of`."""
     found = _resolved(declared)
     return found(of) if callable(found) else found
 
@@ -282,7 +282,7 @@ def _computed() -> Any:
 class Found(Mapping[str, T]):
     """Mapping of family names to one property of each family. Families are imported on first use.
 
-    `entries` gives the entry point of each family, and the function `part` returns the property of a family. A family
+    `entries` maps family names to entry points, and the function `part` returns the property of a family. A family
     that cannot be imported is omitted, and a warning is logged.
     """
 

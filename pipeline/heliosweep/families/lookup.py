@@ -57,10 +57,11 @@ if TYPE_CHECKING:
 PARAMETER, PERCENTILE = "parameter", "sample_percentile"
 #: Maximum number of values per draw of a variable whose draws are stored, unless the study sets `every_draw`.
 MOST_NUMBERS = 100
-#: Width of a total index's confidence interval above which a warning is given. [1]
+#: Maximum width of the confidence interval of a total index; a warning is given for wider intervals. [1]
 WIDE = 0.1
 
-#: Statistics of each variable by the suffix of their name: additional dimension, long name, and True if dimensionless.
+#: Statistics of each variable by suffix of the variable's name: additional dimension, long name, and True if
+#: dimensionless.
 _STATISTICS: dict[str, tuple[str, str, bool]] = {
     "sample_mean": ("", "mean of the {} over the draws", False),
     "sample_standard_deviation": ("", "sample standard deviation of the {} over the draws", False),
@@ -95,7 +96,7 @@ _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
 
 
 class Wrapped(Family):
-    """A family whose computations are done by another family, `inner`."""
+    """Family that delegates its computations to another family, `inner`."""
 
     def __init__(self, inner: Family) -> None:
         vars(self).update(vars(inner))
@@ -256,7 +257,7 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
 
 
 def _words(study: Study) -> str:
-    """Describe the sampling design, and how standard errors of means and confidence intervals of indices are found."""
+    """Describe the sampling design, and the method for standard errors of means and confidence intervals of indices."""
     design = design_of(study)
     if design.sensitivity == LOCAL:
         return "the medians of all keys, then each parameter one standard normal deviate below and above its median"
@@ -280,7 +281,8 @@ class Searched(Wrapped):
     """Search for the best point of a study that belongs to another family.
 
     Each evaluation computes the study with different values of the searched keys. `single` returns the study for one
-    evaluation. `generation` returns a study that sweeps the points of many evaluations. Both belong to `inner`.
+    evaluation. `generation` returns a study that sweeps the points of many evaluations. Both studies belong to the
+    family `inner`.
     """
 
     def __init__(self, inner: Family) -> None:
@@ -305,7 +307,7 @@ class Searched(Wrapped):
         return _with(study, columns, {"zip": (keys,) if len(keys) > 1 else ()})
 
     def space(self, study: Any) -> Space:
-        """Return the bounds of the searched keys. If a key has a list of choices, they are numbered from 0."""
+        """Return the bounds of the searched keys. If a key has a list of choices, the choices are numbered from 0."""
         from heliosweep.search.optimise import Space
 
         ends = [(0, len(extent["choice"]) - 1) if isinstance(extent, dict) else extent for *_, extent in _keys(study)]
@@ -333,7 +335,7 @@ class Searched(Wrapped):
             return error.problems[0]
 
     def results(self, study: Any) -> dict[str, Variable]:
-        """Return the variables that have a single number at each point. Only these can be objectives or constraints."""
+        """Return the variables with a single number at each point, which can be objectives or constraints."""
         one = self.generation(study, [{key: value for key, value, _, _ in _keys(study)}])
         (swept,), sizes = one.dimensions(), self.inner.workload(one).sizes
         return {
@@ -343,7 +345,7 @@ class Searched(Wrapped):
         }
 
     def check(self, study: Any) -> Iterator[Problem]:
-        """Yield a problem for each objective or constraint that does not name a suitable result."""
+        """Yield a problem for each objective or constraint that is not the name of a scalar result."""
         search, known = study.search, self.results(study)
         others = self.inner.variables(self.single(study, {}))
         named = [(("search", way), name) for way in ("maximise", "minimise") for name in getattr(search, way)]
@@ -383,7 +385,7 @@ class Searched(Wrapped):
         return labels.drop_vars([name for name, one in labels.coords.items() if one.ndim or str(name) in varied])
 
     def first(self, study: Any) -> Study:
-        """Return a generation of full size for the plan. Its points are the start, the lower and the upper bounds."""
+        """Return a study with a full generation, for the plan. The points are the start point and feasible bounds."""
         search, space = study.search, self.space(study)
         ends = [self.point(study, numbers) for numbers in (self.start(study), space.low, space.high)]
         built = [ends[0], *(point for point in ends[1:] if self.wrong(study, point) is None)]
@@ -424,7 +426,7 @@ def result_name(name: str, known: Iterable[str]) -> str:
 
 
 def _keys(study: Any) -> list[tuple[str, Any, bool, Any]]:
-    """Return, for each searched key, its name, its value, True if it is an integer or a choice, and its bounds."""
+    """Return a tuple for each searched key: name, value, True for an integer or a choice, and bounds."""
     declared = {key: (value, getattr(one, "integer", False)) for key, one, value in study.parameters()}
     over = study.search.over
     return [(key, declared[key][0], declared[key][1] or isinstance(over[key], dict), over[key])
@@ -432,7 +434,7 @@ def _keys(study: Any) -> list[tuple[str, Any, bool, Any]]:
 
 
 def _with(study: Any, values: Mapping[str, Any], changes: Mapping[str, Any]) -> Study:
-    """Return the study without its search and with the given values.
+    """Return the study with the given key values and without its search.
 
     All scalar outputs are enabled and all time series are disabled.
     """

@@ -1,8 +1,8 @@
-"""The six errors of a mount, used by more than one family: keys in a study file, and random draws.
+"""The six errors of a mount, shared by several families: keys in a study file, and random draws.
 
 A draw depends only on the seed, the stream, the heliostat and the sample. The counter-based generator Philox 4x64 [1]_
 uses the key (seed, stream) and a separate counter for each heliostat. A draw therefore does not depend on the chunks,
-the scheduler, or the numbers of heliostats and samples. For example, 10 samples are the first 10 of 1000 samples.
+the scheduler, or the numbers of heliostats and samples. For example, 10 samples equal the first 10 of 1000 samples.
 
 References
 ----------
@@ -67,11 +67,11 @@ class MountAngles(Block):
     ] = 1.0  # fmt: skip
 
     def errors(self) -> tuple[float | Sweep | Distribution, ...]:
-        """The six errors, in the order that the kernels expect. [mrad]"""
+        """Return the six errors in the order that the kernels expect. [mrad]"""
         return tuple(getattr(self, name) for name in ERRORS)
 
     def drawn(self) -> dict[str, Distribution]:
-        """Drawn errors by name."""
+        """Return a mapping of names to distributions for the errors that are drawn."""
         return {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
 
 
@@ -80,11 +80,11 @@ def standard_uniforms(
 ) -> NDArray[np.float64]:
     """Return uniform draws between 0 and 1, both excluded, shape (H, samples).
 
-    Draws are multiples of 2^-53 and symmetric about 1/2. They depend on `seed` and `stream`, both from 0 to 2^63 - 1,
-    and on the heliostat numbers, counted from 0. The stream is for example the index of a mount error. `first` is the
-    index of the first sample.
+    Draws are multiples of 2^-53 and symmetric about 1/2. The draws depend on `seed` and `stream`, both from 0 to
+    2^63 - 1, and on the heliostat numbers, counted from 0. The stream is for example the index of a mount error.
+    `first` is the index of the first sample.
     """
-    batch, skip = divmod(first, 4)  # the generator returns four numbers per count
+    batch, skip = divmod(first, 4)  # the generator returns four numbers for each counter value
     key, numbers = np.array([seed, stream], np.uint64), np.asarray(heliostats, np.int64).ravel()
     counters = (np.array([batch, 0, number, 0], np.uint64) for number in numbers)
     bits = [Philox(key=key, counter=counter).random_raw(skip + samples)[skip:] for counter in counters]
@@ -99,7 +99,7 @@ def standard_normals(
 
     The arguments and the shape of the result are the same as for `standard_uniforms`.
     """
-    from scipy.special import ndtri  # this import takes 0.2 s, which studies without draws do not need
+    from scipy.special import ndtri  # slow import (0.2 s), needed only for draws
 
     return np.asarray(ndtri(standard_uniforms(seed, stream, heliostats, samples, first)))
 
@@ -107,8 +107,8 @@ def standard_normals(
 def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
     """Return the deviates of E errors, shape (H, samples, E): standard normal, or uniform between -1 and 1.
 
-    The value of an error is ``error.mean + error.width * deviate``. Deviates are 0 for errors that are not drawn. Each
-    error uses its index as the stream of its draws. `seed` applies to distributions without a seed, and `samples`
+    The value of an error is ``error.mean + error.width * deviate``. Deviates are 0 for errors that are not drawn. The
+    index of an error is the stream of its draws. `seed` applies to distributions without a seed, and `samples`
     replaces the number of samples of every distribution.
     """
     result = np.zeros((np.size(heliostats), samples, len(errors)))

@@ -133,7 +133,7 @@ class Point:
 
     @property
     def timezone(self) -> str:
-        """Time zone of the site."""
+        """Time zone of the site at this point."""
         return self.points.parameters.timezones()[dict(zip(self.points.sizes, self.index, strict=True)).get("site", 0)]
 
     @property
@@ -143,7 +143,7 @@ class Point:
 
     @property
     def layout(self) -> Any:
-        """Layout of the field."""
+        """Layout of the field at this point."""
         return self.points.inputs.layouts.at(self.position)
 
     def part(self, dim: str) -> slice:
@@ -190,7 +190,7 @@ def _inner(study: Any, work: Computation, given: Inputs | None = None) -> dict[s
 
 
 def workload(study: Any, work: Computation) -> Workload:
-    """Return the sizes, the number of evaluations and the memory of a study."""
+    """Return the dimension sizes, the number of evaluations and the memory use of a study."""
     parameters, inner = Parameters(study).sizes, _inner(study, work)
     instants, length = inner.get(TIME) or _instants(study, False), inner.get(work.split, 1)
     values = bytes_of({name: one for name, one in work.variables.items() if TIME not in one.dims}, inner)
@@ -214,7 +214,7 @@ def workload(study: Any, work: Computation) -> Workload:
         splittable=work.split,
         whole=work.whole,
         uncut=work.uncut,
-        coordinate_bytes=8 * (sum(inner.values()) + 6 * heliostats),  # columns of a layout, with a margin
+        coordinate_bytes=8 * (sum(inner.values()) + 6 * heliostats),  # memory for layout columns, with a margin
         axes={"instants": instants} if TIME not in inner and instants > 1 else {},
     )
 
@@ -264,10 +264,10 @@ def _put(array: np.ndarray, variable: Variable, value: Any, point: Point) -> Non
     """Write the values of a variable at a point, or at the points of a group, to `array`."""
     kept = [dim in variable.dims for dim in point.points.sizes]
     spans: tuple[Any, ...] = tuple(span for span, keep in zip(point.spans, kept, strict=True) if keep)
-    target = array[(*spans, ...)]  # the ellipsis gives an array even without dimensions
+    target = array[(*spans, ...)]  # with the ellipsis, a single value is also an array
     outer, inner = target.shape[: sum(kept)], target.shape[sum(kept) :]
     value = np.asarray(value)
-    own = value.shape[value.ndim - len(inner) :]  # with a shorter layout, the last values remain missing
+    own = value.shape[value.ndim - len(inner) :]  # if a layout has fewer heliostats, the last values remain missing
     if point.group:
         value = np.broadcast_to(value, (*point.group, *own))[tuple(slice(None) if keep else 0 for keep in kept)]
     within: tuple[Any, ...] = (*(slice(None),) * len(outer), *(slice(length) for length in own), ...)

@@ -18,25 +18,26 @@ if TYPE_CHECKING:
 
 
 class FieldEfficiency(Family):
-    """Family for the efficiency of heliostat fields. With `keep`, the first headlines include the field size."""
+    """Study family for the optical efficiency of heliostat fields."""
 
     def of_result(self, result: xr.Dataset) -> Family:
-        """Return the family with the headlines of a result.
+        """Return the family with the headlines that suit a result.
 
-        If the study has `keep`, the first headlines include the number of heliostats, the mirror area and the power.
+        With `keep`, the first headlines are the number of heliostats, the mirror area and the design-point power.
         """
         keep = json.loads(result.attrs["study"]).get("keep")
         if not keep:
             return self
         cut, size = object.__new__(type(self)), ("field_heliostats", "field_mirror_area", "design_point_power")
-        vars(cut).update(vars(self))  # not copy.copy, which returns the registered family itself
-        # `keep` minimises the number of heliostats for a given power, or maximises the energy for a given number.
+        vars(cut).update(vars(self))  # copy.copy would return the registered family itself
+        # `keep` minimises the number of heliostats for a required power, or maximises the energy of a given number of
+        # heliostats.
         gain = ("field_energy_per_mirror_area", *self.headlines)
         cut.headlines = (*size, *gain) if "heliostats" not in keep else (*gain[:1], *size, *gain[1:])
         return cut
 
     def figures_of_draws(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Return the figure of the error budget if the result has one."""
+        """Return the figure of the error budget if the result has an error budget."""
         from heliosweep.families.field_efficiency.figures import budget_figure
 
         return [budget_figure(result)] if "budget_loss_sample_mean" in result else []

@@ -1,4 +1,4 @@
-"""Light between mirrors and receiver: the scene of the ray tracer, losses in the air, and reflection."""
+"""Light path from the mirrors to the receiver: scene of the ray tracer, losses in the air, and reflectivity."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ KEPT = 4
 
 
 class Inputs:
-    """Contents of a study's optical files, which are read once.
+    """Contents of a study's optical input files. Each file is read once.
 
     Threads share this object. A thread may replace a cached value but must not modify it.
     """
@@ -65,7 +65,7 @@ class Inputs:
 
     @contextmanager
     def series_from(self, key: tuple[int, ...]) -> Iterator[Future[Any]]:
-        """Yield a future that receives the sums of a field at each instant; `series_of` returns its result."""
+        """Yield a future for the ray sums of a field at each instant. `series_of` returns the result of this future."""
         self._series[key] = future = Future[Any]()
         while len(self._series) > KEPT:
             del self._series[next(iter(self._series))]
@@ -76,12 +76,12 @@ class Inputs:
                 future.set_result(None)
 
     def series_of(self, key: tuple[int, ...]) -> Any:
-        """Return the sums at each instant computed together with the means of this point, or None if not available."""
+        """Return the ray sums at each instant that were computed with the means of a point; None if not available."""
         future = self._series.get(key)
         return None if future is None else future.result()
 
     def last(self, name: str, key: Any, make: Callable[[], Any], depth: int = 1) -> Any:
-        """Return the value cached under this name and key; if there is none, compute and cache it."""
+        """Return the value cached under a name and key. If no value is cached, compute it with `make` and cache it."""
         kept = self._last.get(name, ())
         value = next((pair for pair in kept if pair[0] == key), None) or (key, make())
         self._last[name] = (value, *(pair for pair in kept if pair[0] != key))[:depth]
@@ -129,11 +129,11 @@ Geometry = tuple[Floats, Floats, Floats, Floats, Floats, Any, int]
 class Way(NamedTuple):
     """Optical path from the mirrors to the receiver at a point of the result."""
 
-    #: The study, which has `optics`.
+    #: Study with an `optics` block.
     study: Any
     #: Contents of the study's optical files.
     inputs: Inputs
-    #: All heliostats.
+    #: Layout with all heliostats of the field.
     layout: Layout
     #: Value of each key in `optics.KEYS`, by the last part of the key.
     values: Mapping[str, Any]
@@ -141,8 +141,8 @@ class Way(NamedTuple):
     def spot(self, slant: Floats, sides: Floats) -> Floats:
         """Return the standard deviation of each heliostat's on-axis image by the HFLCAL model, shape (N,). [m]
 
-        Measured slopes are treated as random slope errors. If they include focus and canting, they are treated as
-        deviations from a mirror focused at the slant range.
+        Measured slopes are treated as random slope errors. If measured slopes include focus and canting, only their
+        deviations from a mirror focused at the slant range count as errors.
         """
         errors, blur = self.errors(), np.where(self._ideal, slant * self.curve(slant).sum(axis=1) - 1.0, 0.0)
         variance = self.inputs.sun_of(self.values).spread + errors.specularity**2
@@ -162,7 +162,7 @@ class Way(NamedTuple):
 
     @property
     def receiver(self) -> rays.Receiver:
-        """Receiver of the light."""
+        """Receiver surface for the ray tracer."""
         values, centre = self.values, (0.0, 0.0, float(self.values["height"]))
         if self.study.receiver.kind == "cylinder":
             return rays.cylinder(centre, float(values["radius"]), float(values["height_extent"]))
@@ -170,7 +170,7 @@ class Way(NamedTuple):
         return rays.rectangle(centre, azimuth, tilt, float(values["width"]), float(values["height_extent"]))
 
     def errors(self) -> rays.Errors:
-        """Return the random errors; slope errors have the shape (N,). [rad]"""
+        """Return the standard deviations of the random errors. Slope errors have the shape (N,). [rad]"""
         values, axes = self.values, [self.values[f"slope_error_{axis}"] for axis in ("horizontal", "vertical")]
         if axes[0] is None:
             axes = [values["slope_error"]] * 2
@@ -180,7 +180,7 @@ class Way(NamedTuple):
 
     @property
     def map(self) -> SlopeMap | None:
-        """Slope maps used at this point, or None."""
+        """Slope maps at this point of the result; None without slope maps."""
         name = self.values["slope_map"]
         return None if name is None else self.inputs.maps[PurePath(name).name]
 
@@ -229,9 +229,9 @@ class Way(NamedTuple):
         )  # fmt: skip
 
     def _slopes(self, sides: Floats, tracking: int) -> rays.SlopeMap | None:
-        """Return slope maps along the axes u and v of the mirrors, or None.
+        """Return slope maps along the axes u and v of the mirrors; None without slope maps.
 
-        If some heliostats have no map, a map of zeros is appended for them.
+        If some heliostats have no map, a map of zeros is appended for these heliostats.
         """
         found = self.map
         if found is None:
@@ -245,7 +245,7 @@ class Way(NamedTuple):
         return rays.SlopeMap(x, y, slope, number % len(slope), not found.fits(*sides))
 
     def transmitted(self, mirrors: Geometry, place: Sequence[Any]) -> Floats:
-        """Return the air's transmittance for each heliostat, shape (N,). `place` has the values of `PLACE`. [1]"""
+        """Return the transmittance of the air for each heliostat, shape (N,). `place` has the values of `PLACE`. [1]"""
         values = self.values
         given = {key: values[key] for key in ("visibility", "water_vapour") if values[key] is not None}
         altitude = place[2] if values["altitude"] is None else values["altitude"]
@@ -256,7 +256,7 @@ class Way(NamedTuple):
         """Return the factor by which month and washing change `reflection` at each instant, shape (count,). [1]"""
         values, monthly = self.values, self.study.optics.cleanliness_by_month
         clean = np.ones(1) if monthly is None else np.array(monthly)[months]
-        if values["rate"] is not None:  # staggered washing: the mean dirt is half of its maximum
+        if values["rate"] is not None:  # with staggered washing, the mean dirt is half of the maximum
             clean = clean * (1.0 - values["rate"] * values["washing_interval"] / 2.0)
         return np.broadcast_to(clean, count)
 
@@ -267,6 +267,6 @@ def slant_of(mirrors: Geometry) -> Floats:
 
 
 def values_of(given: Sequence[Any]) -> dict[str, Any]:
-    """Return the values of `optics.KEYS` by the last part of each key. The mount seed is named `mount_seed`."""
+    """Return the values of `optics.KEYS`, named by the last part of each key. The mount seed is named `mount_seed`."""
     names = ["mount_seed" if key == "optics.mount_errors.seed" else key.rpartition(".")[2] for key in KEYS]
     return dict(zip(names, given, strict=True))

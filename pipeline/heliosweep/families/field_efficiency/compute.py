@@ -82,10 +82,10 @@ if TYPE_CHECKING:
 
 #: Maximum size of an array over the instants and a block of heliostats. [bytes]
 BLOCK_BYTES = 4 * 2**20
-#: Number of rays whose computing time equals that for one heliostat and instant without optics.
+#: Number of rays with the computing time of one heliostat at one instant without optics.
 BUNDLE = 64
 
-#: Memory for the frame of one mirror for a packet of sun directions. [bytes]
+#: Memory for the frames of one mirror at all sun directions of a packet. [bytes]
 FRAME_BYTES = packets.PACKET * 10 * 8
 
 _SIZES = ("heliostat.width", "heliostat.height")
@@ -96,7 +96,7 @@ _LABELS = (
     *(*_SIZES, "heliostat.pivot_height", "receiver.height", *_KEEP),
 )
 
-#: Labels of the dimensions of outlines and energies, with the attributes of the labels.
+#: Labels of the dimensions of outlines, with the attributes of these labels.
 _OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
     "effect": (np.array(["shading", "blocking"], object), {"long_name": "cause of the loss: shading or blocking"}),
     "image": (np.arange(0),
@@ -136,7 +136,6 @@ def computation(study: FieldEfficiencyStudy) -> Computation:
 
 
 def _prepare(study: FieldEfficiencyStudy) -> None:
-    """Compile or load the kernels of a study."""
     if study.optics is None or study.output.outlines:
         efficiency.warm_field(bool(study.output.outlines))
     if study.optics is not None:
@@ -181,7 +180,7 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
     each += 2 * 640 * (KEPT * is_series_traced(study) or has_heat(study))
     block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * heliostats * instants)
     block += images(study, heliostats, instants)[1]
-    # At low sun, at most 5000 neighbours shade a part of the field.
+    # If the sun is low, at most 5000 neighbouring mirrors shade a part of the field.
     return min(heliostats, 5000) * FRAME_BYTES + heliostats * 200 + each * instants + block
 
 
@@ -191,7 +190,7 @@ def _series(study: FieldEfficiencyStudy) -> bool:
 
 
 def compute_point(point: Point) -> dict[str, np.ndarray]:
-    """Compute the efficiencies and energies of a field's heliostats, or time series over a region.
+    """Compute efficiencies and energies over the period, or their time series.
 
     Values are missing (NaN) at instants with the sun below the horizon, and means are missing if the sun is never up.
     Rays are traced once for both the means and the time series of a field.
@@ -208,7 +207,11 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
 def _values(
     point: Point, key: tuple[int, ...], whole: np.ndarray | None = None, future: Future[Any] | None = None
 ) -> dict[str, np.ndarray]:
-    """Return the values at a point, from the sums `whole` if given; sums computed here are stored in `future`."""
+    """Return the values at a point of the result.
+
+    `whole` contains the ray sums of the field at each instant. If `whole` is None, rays are traced. `future` receives
+    the ray sums that are computed together with the means.
+    """
     study, layout, output, span = point.study, point.layout, point.study.output, point.part("heliostat")
     first, stop = span.start or 0, len(layout) if span.stop is None else min(span.stop, len(layout))
     if first >= len(layout):
@@ -247,14 +250,14 @@ def _values(
 
 
 def _spread(values: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return values over all heliostats (last dimension), with NaN for heliostats that are not kept."""
+    """Expand values of the kept heliostats to all heliostats (last dimension), with NaN for the omitted heliostats."""
     whole = np.full((*values.shape[:-1], kept.size), np.nan)
     whole[..., kept] = values
     return whole
 
 
 def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
-    """Return the sun at a point, the irradiation (None without weather), and the months (None if not needed)."""
+    """Return the sun directions at a point, the irradiation (None without weather), and months (None if not needed)."""
     study, points, place = point.study, point.points, [point[key] for key in PLACE]
     around = points.once("around", lambda: Parameters(study, {k: v for k, v in points.region.items() if k != "time"}))
     suns = points.once("suns", lambda: Suns(around if _complete(study) else points.parameters))
@@ -270,7 +273,7 @@ def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None
 def _sums_of(
     field: Field | TracedField, sun: np.ndarray, hours: Hours | None, first: int, stop: int, future: Future[Any] | None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return means, energies and design-point values of the heliostats `first` to `stop` - 1, and field sums."""
+    """Return means, energies and design-point values of the heliostats `first` to `stop` - 1, and sums of the field."""
     light = LightSums(field.way) if isinstance(field, TracedField) else None
     given, pieces = {} if light is None else {"light": light}, []
     for start, end in _blocks(field.study, len(sun), first, stop):
@@ -300,7 +303,7 @@ def _series_of(
 
 
 class Altered(Point):
-    """A point of the result at which some keys have other values."""
+    """Point of the result at which `values` replace the values of some keys."""
 
     def __init__(self, point: Point, values: Mapping[str, Any]) -> None:
         vars(self).update(vars(point))
@@ -313,7 +316,10 @@ class Altered(Point):
 def _budget(
     point: Point, layout: Layout, field: Field | TracedField, hours: Hours, months: np.ndarray | None, actual: float
 ) -> dict[str, np.ndarray]:
-    """Return the error budget of a field with the energy `actual`. All cases use the field's rays and aim points."""
+    """Return the error budget of a field. `actual` is the energy on the receiver with all causes. [MWh]
+
+    All cases use the rays of this field. The aim points are also unchanged, unless a cause changes the receiver.
+    """
     number = field.number_of_rays(hours) if isinstance(field, TracedField) else 0
 
     def energies(values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -368,7 +374,7 @@ def _field(
     single = "heliostat" not in point.points.region and math.prod(point.points.sizes.values()) == 1
     if not single or study.execution.scheduler not in ("threads", "processes"):
         threads = 1
-    else:  # parallel only for a single field that is not split by heliostats
+    else:  # threads are used only for a single field that is not split by heliostats
         threads = study.execution.workers or processors()
     scene = way.scene(mirrors)._replace(tower=tower)
     return TracedField(
@@ -383,9 +389,9 @@ def _complete(study: FieldEfficiencyStudy) -> bool:
 
 
 def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Yield ranges of heliostats to compute together. The memory for their values at all instants limits each range."""
+    """Yield ranges of heliostats to compute together. Memory for values at all instants limits the range lengths."""
     length = max(32, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
-    length = 4096 if study.optics is not None else length  # mirrors that are traced together
+    length = 4096 if study.optics is not None else length  # number of mirrors that are traced together
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
@@ -477,7 +483,7 @@ def _design_name(study: FieldEfficiencyStudy) -> str:
 
 
 def _weights(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
-    """Return the heliostat weights in a field mean: mirror area, or for an intercept the light leaving the mirror."""
+    """Return each heliostat's weight in a field mean: mirror area, or reflected light for the intercept efficiency."""
     if not name.endswith("intercept_efficiency"):
         return area
     return area * np.nan_to_num(computed[name.replace("intercept", "optical")].to_numpy())
@@ -534,9 +540,8 @@ def best(
     Returns
     -------
     rows : ndarray of int
-        Rows of the selected heliostats, ascending. If a power is given, the best k heliostats are selected. k is the
-        minimum number that reaches the power, and is found by bisection. If the full field has less power, all
-        heliostats are selected.
+        Rows of the selected heliostats in ascending order. If a power is given, bisection finds the minimum number
+        of best heliostats that reach this power. If the full field has less power, all heliostats are selected.
     rank : ndarray of int, shape (heliostat,)
         Rank of each heliostat, counted from 1.
     """
@@ -558,9 +563,9 @@ def select(
     """Return the layout rows of the kept heliostats at a point of the result, and the ranks of all heliostats.
 
     `wanted` contains the values of `keep.heliostats`, `keep.field_power`, `keep.by` and `keep.heat_power`. `field_of`
-    returns the field of a layout. `aimed` returns a field with the aim points that a flux limit requires, if the study
-    has one. Heliostats are ranked in the full field without a flux limit, in blocks, with fewer rays than the result
-    uses.
+    returns the field of a layout. If the study has a flux limit, `aimed` returns a field with the aim points that the
+    limit requires. Heliostats are ranked in the full field without a flux limit, with fewer rays than in the result.
+    `blocks` contains the ranges of heliostats that are computed together for the ranking.
     """
     number, power, by, heat = wanted
     whole, pieces = field_of(layout), []

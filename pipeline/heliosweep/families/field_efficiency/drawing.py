@@ -1,4 +1,4 @@
-"""Special figures of a field, drawn with matplotlib. Each function draws the figure of its name in `figures`."""
+"""Special figures of a field, drawn with matplotlib. Each public function has the name of a figure in `figures`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _bars(
     context: Context, points: Sequence[Mapping[str, int]], steps: Sequence[str], height: float, xlabel: str,
     draw: Callable[[Any, Any], None],
 ) -> Any:  # fmt: skip
-    """Return a drawing with one panel for each point, in which `draw` has drawn a horizontal bar for each step."""
+    """Draw one panel of horizontal bars for each point. `draw` draws the bars of a panel, one bar for each step."""
     drawing, grid = panels(len(points), 2, height * len(steps), wide=True, sharex=True, sharey=True)
     for axes, point in zip(grid, points, strict=True):
         draw(axes, point)
@@ -52,7 +52,7 @@ def _waterfall(axes: Any, whole: float, lost: Any, rest: float, colours: Sequenc
 
 
 def energy_losses(result: xr.Dataset) -> Any:
-    """Draw a waterfall chart of the energy for some points of the sweep, with amounts and percentages."""
+    """Draw a waterfall chart of the energy losses at some points of the sweep."""
     context, received = Context(result), result["field_receiver_energy"]
     dims = [dim for dim in received.dims if received.sizes[dim] > 1]
     dim = str(next((one for one in ("latitude", "site", "layout", *dims) if one in dims), ""))
@@ -76,9 +76,9 @@ def energy_losses(result: xr.Dataset) -> Any:
 
 
 def error_budget(result: xr.Dataset) -> Any:
-    """Draw a waterfall chart of the loss due to each cause for some points of the sweep.
+    """Draw a waterfall chart of the loss due to each cause at some points of the sweep.
 
-    If the result has draws, means are shown, and error bars show the standard deviation.
+    If the result has draws, bars show the means over the draws, and error bars show the standard deviation.
     """
     mean = "_sample_mean" * ("budget_loss_sample_mean" in result)
     context, energy = Context(result), result[f"budget_energy{mean}"]
@@ -117,7 +117,7 @@ def error_budget(result: xr.Dataset) -> Any:
 
 
 def capital_cost(result: xr.Dataset) -> Any:
-    """Draw the capital cost by item as stacked bars for some points of the sweep."""
+    """Draw the capital cost by item as stacked bars at some points of the sweep."""
     context, cost = Context(result), result["capital_cost"]
     dims = [*(str(dim) for dim in cost.dims if dim != "item" and cost.sizes[dim] > 1), None, None][:2]
     fixed = context.fixed(cost, "item", *dims)
@@ -138,7 +138,7 @@ def capital_cost(result: xr.Dataset) -> Any:
 
 
 def aim_points(result: xr.Dataset) -> Any:
-    """Draw flux maps with the aim points for some points of the sweep."""
+    """Draw flux maps and aim points at some points of the sweep."""
     context, flux = Context(result), result["aimed_flux_map"]
     if flux["flux_row"].attrs["units"] == "1" or flux["flux_column"].attrs["units"] == "1":
         return None
@@ -161,7 +161,7 @@ def aim_points(result: xr.Dataset) -> Any:
 
 
 def mirror_outlines(result: xr.Dataset) -> Any:
-    """Draw the shaded and blocked areas on the mirror with the largest loss, for some points of the sweep."""
+    """Draw the shaded and blocked areas of the mirror with the largest loss, at some points of the sweep."""
     context, shading = Context(result), result["shading_efficiency"]
     looks = {
         "shading": ("shadow", COLOURS[0], "", "shaded"),
@@ -170,7 +170,7 @@ def mirror_outlines(result: xr.Dataset) -> Any:
     shown = [str(dim) for dim in shading.dims if dim != HELIOSTAT and result.sizes[dim] > 1][:2]
     fixed, dims = context.fixed(shading, HELIOSTAT, *shown), (*shown, None, None)
     points = [{**p, **q} for p in context.chosen(dims[0], 2) for q in context.chosen(dims[1], 2)]
-    points = [point for point in points if bool(shading.isel({**fixed, **point}).notnull().any())]  # the sun is up
+    points = [point for point in points if bool(shading.isel({**fixed, **point}).notnull().any())]  # with the sun up
     if not points:
         return None
     drawing, grid = panels(len(points), 2, 0.9, layout="compressed", sharex=True, sharey=True)

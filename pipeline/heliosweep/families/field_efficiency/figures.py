@@ -20,7 +20,7 @@ _AIMS = ("aimed_power", "unlimited_power", "limit_loss", "aim_gap", "aimed_peak_
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Yield one table of energies and power, and one of efficiencies and losses."""
+    """Yield the tables of energies, error budget, weather years and mean efficiencies."""
     dims = [str(dim) for dim in result["field_optical_efficiency"].dims]
     whole = {str(name) for name, array in result.data_vars.items() if set(array.dims) == set(dims)}
     names = [*_COST, "field_receiver_energy", "field_energy_per_mirror_area", "field_incident_energy", "hours_used",
@@ -63,7 +63,7 @@ def budget_figure(result: xr.Dataset) -> Figure:
 
 
 def _special(name: str, title: str, variables: Sequence[str]) -> Special:
-    """Declare a figure that the function of its name in `drawing` draws."""
+    """Declare a figure that is drawn by the function `name` in `drawing`."""
 
     def draw(result: xr.Dataset) -> Any:
         from heliosweep.families.field_efficiency import drawing
@@ -84,7 +84,7 @@ def _sums(result: xr.Dataset) -> str:
     daylight = (result["hours_used"] + result["hours_lost"].sum("cause")).to_numpy()
     low, high = float(daylight.min()), float(daylight.max())
     hours = f"{low:,.0f} h" if high - low < 0.5 else f"{low:,.0f} to {high:,.0f} h"
-    year = 4250.0 < low <= high < 4900.0  # h: about half of all hours, plus partly lit intervals
+    year = 4250.0 < low <= high < 4900.0  # daylight of a full year, including partly lit intervals [h]
     return f"Sums over {hours} with the sun above the horizon, {'a full year' if year else 'less or more than a year'}."
 
 
@@ -93,7 +93,7 @@ _EFFICIENCIES = tuple(f"{name}_efficiency" for name in (
 ))  # fmt: skip
 _ENERGY = ("energy_per_mirror_area", "receiver_energy", "rank")
 PLACES = ("latitude", "site", "layout")
-#: Dimensions that have separate figures.
+#: Dimensions that are shown in special figures and not as swept keys.
 _OWN = (HELIOSTAT, "time", "month", "stage", "cause", "item", *DIMS, "effect", "image", "corner")
 
 
@@ -169,7 +169,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
 
 
 def _ranked(result: xr.Dataset) -> xr.Dataset:
-    """Return the heliostat energies sorted by rank, with the cumulative share of the field's energy."""
+    """Add heliostat energies sorted by rank, and their cumulative share of the field's energy, to a result."""
     names = ("energy_per_mirror_area", "receiver_energy")
     if not set(names) <= set(result.data_vars) or result.sizes[HELIOSTAT] < FIELD:
         return result
@@ -189,7 +189,7 @@ def _ranked(result: xr.Dataset) -> xr.Dataset:
 
 
 def _durations(result: xr.Dataset) -> xr.Dataset:
-    """Return duration curves: irradiance and power in descending order against cumulative hours."""
+    """Add duration curves to a result: irradiance and power in descending order against cumulative hours."""
     if not {"dni", "field_power", "hours_used", "hours_lost"} <= set(result.data_vars):
         return result
     instants = int((result["dni"] > 0).sum("time").max())

@@ -1,4 +1,4 @@
-"""Flux on the receiver: flux maps, and aim points by levels, from the layout or under a flux limit."""
+"""Flux maps of the receiver, and aim points by levels, from the layout or under a flux limit."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ DIMS = ("flux_row", "flux_column")
 
 
 class FluxMap(Block):
-    """Numbers of receiver cells along each side; the flux is averaged over each cell."""
+    """Flux map with a number of receiver cells along each side. The flux is averaged over each cell."""
 
     columns: Annotated[
         int,
@@ -59,13 +59,13 @@ class FluxMap(Block):
 
 
 def flux_cells(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
-    """Return the rows and columns of receiver cells for flux maps; None without flux maps."""
+    """Return the numbers of rows and columns of a flux map; None without flux maps."""
     wanted = study.output.flux_map
     return None if wanted is None else (wanted.rows, wanted.columns)
 
 
 def cells_of(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
-    """Return the rows and columns of receiver cells for a flux limit or flux maps; None if the study has neither."""
+    """Return the numbers of rows and columns of receiver cells for a flux limit or flux maps; None without both."""
     if study.aim is not None and is_limited(study):
         return study.aim.flux_rows, study.aim.flux_columns
     return flux_cells(study)
@@ -89,8 +89,8 @@ def has_instant(study: FieldEfficiencyStudy) -> bool:
 def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
     """Return the centres of the receiver cells and their attributes.
 
-    Centres are in metres, or in degrees around a cylinder. If the size of the receiver is swept, they are fractions of
-    this size. The result is empty without flux maps.
+    Centres are in metres, or in degrees around a cylinder. If the size of the receiver is swept, the centres are
+    fractions of this size. The result is empty without flux maps.
     """
     cells, receiver = cells_of(study), study.receiver
     if cells is None:
@@ -197,26 +197,26 @@ def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
     """Return the aim points of the mirrors.
 
     Without `aim`, with `centre`, and before `flux_limit` selects aim points, heliostats aim at the centre of the
-    receiver. If the receiver is a cylinder, they aim at the nearest surface point at the height of its centre.
+    receiver. If the receiver is a cylinder, heliostats aim at the nearest surface point at mid-height.
 
     With `spread`, the levels are evenly spaced over the height of the receiver. This height is reduced at each end by
     the radius of the heliostat's spot (two standard deviations of its on-axis HFLCAL image). Heliostats are ordered by
-    azimuth, clockwise from north, then by distance from the tower. Levels are assigned cyclically in this order, from
-    the lowest upwards. A heliostat with a spot larger than the receiver aims at the centre.
+    azimuth, clockwise from north, then by distance from the tower. Levels are assigned cyclically in this order,
+    starting at the lowest level. A heliostat with a spot larger than the receiver aims at the centre.
 
     Parameters
     ----------
     way : Way
         Optical path at a point of the result.
     mirrors : tuple
-        Centres x, y, z, half widths and half heights of all mirrors, as in the first arguments of `sorted_field`. [m]
+        Centres x, y, z, half widths and half heights of all mirrors, in the argument order of `sorted_field`. [m]
     levels : int or None
         Number of levels for `spread`.
 
     Returns
     -------
     ndarray, shape (N, 3)
-        Aim points east, north and up from the base of the tower. [m]
+        Coordinates of the aim points: east, north and up from the base of the tower. [m]
     """
     values = way.values
     strategy = way.study.aim.strategy if way.study.aim is not None else "centre"
@@ -253,7 +253,7 @@ def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
     along, aside = away @ receiver.upward / slant, away @ receiver.across / slant
     if receiver.kind == rays.CYLINDER:
         aside = np.zeros_like(along)
-    square = np.maximum(1.0 - along**2 - aside**2, 1e-9)  # cosine of incidence on the receiver
+    square = np.maximum(1.0 - along**2 - aside**2, 1e-9)  # squared cosine of the angle of incidence on the receiver
     return 0.5 * float(way.values["height_extent"]) - 2.0 * way.spot(slant, sides) * np.sqrt((1.0 - aside**2) / square)
 
 
@@ -270,7 +270,6 @@ def aim_problems(
 
 
 def _problems(way: Way, given: Mapping[str, Any]) -> Iterator[Problem | str]:
-    """Yield problems and warnings about aim points at one point of the result."""
     study, layout = way.study, way.layout
     centre = np.stack((layout.x, layout.y, layout.z + given["heliostat.pivot_height"]), axis=1)
     if study.aim.strategy == "layout":
@@ -324,7 +323,7 @@ MOST_INSTANTS = 100
 
 
 def limit_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ...]:
-    """Return the rules for a flux limit: the condition for a fault, the key and the message."""
+    """Return the rules for a flux limit. Each rule has the condition for a fault, the key and the message."""
     instants, shown = instant_count(study.time), study.output.flux_map
     some = isinstance(study.time, SunDirections) or study.design_point or instants > MOST_INSTANTS
     return (
@@ -348,7 +347,10 @@ def images(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> tuple
 
 
 def limited(point: Point, field: Any, sun: Floats, hours: Hours | None) -> Any:
-    """Return the field with aim points under its flux limit, if any, for the design point or for each instant.
+    """Return the field with the aim points that a flux limit requires.
+
+    Aim points are chosen for the design point, or separately for each instant. Without a flux limit, the field is
+    returned unchanged.
 
     Raises
     ------
@@ -395,7 +397,7 @@ def limited(point: Point, field: Any, sun: Floats, hours: Hours | None) -> Any:
 
 
 def with_aims(field: TracedField, aims: Mapping[str, Floats]) -> TracedField:
-    """Return a field with other aim points. `aims` contains the values of `VARIABLES`, for one or for all instants."""
+    """Return the field with new aim points. `aims` contains the values of `VARIABLES` at one or all instants."""
     if not aims:
         return field
     field = field._replace(aims=aims)

@@ -59,7 +59,7 @@ def _cost(description: str, title: str = "", **more: Any) -> Quantity:
 
 
 class Economics(Block):
-    """Costs of field, tower and receiver. The defaults are those of SAM's molten-salt tower model, in US dollars."""
+    """Costs of field, tower and receiver. The defaults are the US-dollar costs of SAM's molten-salt tower model."""
 
     currency: Annotated[str | None, Text("Currency of all costs (default: USD)")] = None
     site_cost: Annotated[float | Sweep, _cost("Cost of site improvements per m2 of mirrors")] = 16.0
@@ -94,7 +94,7 @@ class Economics(Block):
     operation_cost: Annotated[float | Sweep, _cost("Annual cost of operation and maintenance")] = 0.0
 
     def rules(self) -> Iterator[Fault]:
-        """Check that costs are given together with their currency."""
+        """Check that changed costs have a currency, and that a currency other than USD has no default costs."""
         costs = [key for key in type(self).model_fields if key.endswith("_cost")]
         own = [key for key in costs if getattr(self, key) != type(self).model_fields[key].default]
         if own and self.currency is None:
@@ -112,7 +112,7 @@ def has_heat(study: FieldEfficiencyStudy) -> bool:
 
 
 def heat_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ...]:
-    """Return the rules for heat and cost keys: the condition for a fault, the key and the message."""
+    """Return the rules for heat and cost keys. Each rule has the condition for a fault, the key and the message."""
     given = [f"receiver.{key}" for key in ("absorptance", "thermal_losses") if getattr(study.receiver, key) is not None]
     return (
         *((study.optics is None, key, "needs 'optics': add 'optics', or remove this key") for key in given),
@@ -125,7 +125,7 @@ def heat_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ..
 
 
 def check_losses(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Check that the receiver can absorb more than it loses if all mirrors receive direct sunlight."""
+    """Check that the absorbed power can exceed the thermal losses, with direct sunlight on all mirrors."""
     losses, point = study.receiver.thermal_losses, study.design_point
     if losses is None:
         return
@@ -167,18 +167,24 @@ def read_losses(path: Path, name: str) -> Floats:
     return np.stack((power, lost))
 
 
-#: Keys that specify the losses as a number.
+#: Keys of `ThermalLosses` that specify the losses as a number.
 LOSSES = ("constant", "per_area")
 
 
 def _losses(values: Mapping[str, Any]) -> float:
-    """Return the thermal losses of a receiver without a loss table; `values` has the last part of each key. [MW]"""
+    """Return the thermal losses of a receiver without a loss table. [MW]
+
+    `values` maps the last part of each key to its value.
+    """
     area = (2.0 * np.pi * values["radius"] if values["radius"] else values["width"]) * values["height_extent"]
     return float((values["constant"] or 0.0) + 1e-3 * (values["per_area"] or 0.0) * area)
 
 
 def heat_power(power: Any, values: Mapping[str, Any], table: Floats | None) -> Any:
-    """Return a receiver's heat power for a power on it; `values` maps the last part of each key to its value. [MW]"""
+    """Return the heat power of a receiver from the power of the light on the receiver. [MW]
+
+    `values` maps the last part of each key to its value.
+    """
     absorptance = 1.0 if values["absorptance"] is None else values["absorptance"]
     return receiver_heat(power, absorptance, _losses(values), table=table)
 

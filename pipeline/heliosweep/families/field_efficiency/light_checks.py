@@ -1,4 +1,4 @@
-"""Checks that the optics agree with the layouts and input files, such as positions and sizes of mirrors."""
+"""Checks that the optics agree with the input files and with the positions and sizes of the mirrors."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
 
-#: Polynomial models of attenuation, and their maximum slant range. [m]
+#: Names of the polynomial attenuation models, and the maximum slant range of these models. [m]
 POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
 
 
 def light_faults(
     study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
 ) -> Iterator[Problem | str]:
-    """Yield problems and warnings of a study with `optics`. `points` contains each layout with its key values."""
+    """Yield problems and warnings of a study with `optics`. `points` yields each layout with its key values."""
     warned: set[str] = set()
     for layout, values in points:
         for found in (*_receiver(study, layout, values), *_errors(study, layout), *mapped(study, layout)):
             if isinstance(found, Problem):
                 yield found
                 return
-            if (kind := found.split(" ", 1)[1]) not in warned:  # report warnings that differ only in a number once
+            if (kind := found.split(" ", 1)[1]) not in warned:  # warnings that differ only in a number appear once
                 warned.add(kind)
                 yield found
     yield from _facets(study)
@@ -50,7 +50,7 @@ def light_faults(
 
 
 def _rays(study: Any) -> Iterator[Problem | str]:
-    """Check that the number of rays is not excessive, and warn about a key that is no longer used."""
+    """Check the number of rays and the compute device, and warn if the obsolete key `optics.method` is set."""
     if study.optics.method is not None:
         yield "optics.method is no longer used, because light is traced by rays: remove it"
     if study.execution.device == "cuda" and (problem := device_problem()):
@@ -64,7 +64,7 @@ def _rays(study: Any) -> Iterator[Problem | str]:
 
 
 def _receiver(study: Any, layout: Layout, values: Mapping[str, Any]) -> Iterator[Problem | str]:
-    """Check that the mirrors are outside the receiver, in front of it, and not too far from it."""
+    """Check that the mirrors are outside the receiver, in front of the receiver, and within range."""
     receiver = study.receiver
     level = np.hypot(layout.x, layout.y)
     radius = max(ends(receiver.radius)) if receiver.radius is not None else 0.0
@@ -117,7 +117,7 @@ def _heliostats(count: int) -> str:
 
 
 def _errors(study: Any, layout: Layout) -> Iterator[Problem]:
-    """Check that error columns are numeric, and that a calibration contains all heliostats of the layout."""
+    """Check that a calibration has the mount kind of the study and contains all heliostats of the layout."""
     errors = study.optics.mount_errors
     if errors is None or errors.calibration is None:
         return
@@ -140,7 +140,7 @@ def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 
 def _files(study: Any) -> Iterator[Problem | str]:
-    """Check that measured brightness decreases, slope maps fit a mirror or facet, and monthly values have dates."""
+    """Check the measured sun shape, the sizes of slope maps, and the dates that monthly cleanliness needs."""
     profile = study.optics.sun_shape.file
     if profile is not None and (note := read_profile(study.resolve(profile), profile).note(profile)):
         yield note

@@ -19,7 +19,7 @@ from heliosweep.lazy import xr
 
 #: Maximum number of rows in the table of a slope map.
 MAX_POINTS = 1_000_000
-#: Maximum slope in a slope map or a layout column. [mrad]
+#: Maximum absolute slope in a slope map. [mrad]
 MOST_SLOPE = 100.0
 #: Layout columns with angles by which the normals of the heliostats are rotated. [mrad]
 TURN_COLUMNS = ("error_u", "error_v")
@@ -35,9 +35,9 @@ _MAP = {
 class SlopeMap(NamedTuple):
     """Gridded slopes of one or more mirrors, as seen from the target."""
 
-    #: Positions to the right of the centre, ascending. [m]
+    #: Positions to the right of the centre, in ascending order. [m]
     x: Floats
-    #: Positions above the centre, ascending. [m]
+    #: Positions above the centre, in ascending order. [m]
     y: Floats
     #: Slope of the normal to the right and upwards, shape (map, y, x, 2); NaN in holes and outside the facet. [rad]
     slope: Floats
@@ -53,7 +53,7 @@ class SlopeMap(NamedTuple):
 
     @property
     def covered(self) -> float:
-        """Fraction of the rectangle with known slopes; the minimum over all maps. [1]"""
+        """Fraction of grid positions with a known slope; minimum over all maps. [1]"""
         return float(self.known.mean(axis=(1, 2)).min())
 
     def numbers(self, layout: Layout) -> NDArray[np.int64]:
@@ -70,7 +70,7 @@ class SlopeMap(NamedTuple):
 
 
 def facet_side(side: float, count: int, gap: float) -> float:
-    """Return the width or height of a facet, from the mirror side and the number of facets along it. [m]"""
+    """Return the width or height of a facet, from the mirror side and the number of facets along this side. [m]"""
     return (side + gap) / count - gap
 
 
@@ -137,7 +137,7 @@ def _checked(found: SlopeMap, name: str) -> SlopeMap:
 
 
 def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
-    """Return the maps of a data set over (z, y) or (y, x), for one or more heliostats. Raises StudyError."""
+    """Return the slope maps of a data set with axes (z, y) or (y, x) and optional heliostats. Raises StudyError."""
     maps = [result[name] for name in ("slope_x", "slope_y") if name in result]
     up, right = next((dims for dims in (("z", "y"), ("y", "x")) if all({*dims} <= {*each.dims} for each in maps)),
                      ("", ""))  # fmt: skip
@@ -173,7 +173,7 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
     -------
     xarray.Dataset
         Slopes in the form returned by `grid_slopes`, with all facets on one map. Maps from PAINT have the dimension
-        ``heliostat`` of length 1. Its label is the part of the file name before the first hyphen. To use several maps
+        ``heliostat`` of length 1. The label is the part of the file name before the first hyphen. To use several maps
         in `optics.slope_map`, join them with ``xarray.concat(maps, "heliostat")`` and save them with ``to_netcdf``.
 
     Raises
@@ -226,9 +226,9 @@ class Calibrated(NamedTuple):
 
     #: Errors in the order of `ERRORS`, shape (heliostats, 6). Errors that were not estimated are 0. [rad]
     errors: Floats
-    #: Positions x and y, shape (heliostats, 2). [m]
+    #: Positions x and y of the heliostats, shape (heliostats, 2). [m]
     place: Floats
-    #: Column `name` of the calibration's layout, otherwise its column `id`; empty if it has neither.
+    #: Heliostat names from the column `name` or `id` of the calibrated layout; empty if both columns are missing.
     names: tuple[str, ...]
     #: Kind of the mounts.
     mount: str
@@ -237,7 +237,7 @@ class Calibrated(NamedTuple):
     def of(self, layout: Layout) -> Floats:
         """Return the errors of a layout's heliostats, matched by name or `id`, otherwise by number and position.
 
-        Raises StudyError if the calibration lacks a heliostat or has no estimate for it.
+        Raises StudyError if a heliostat is missing in the calibration or has no estimate.
         """
         names = layout.columns.get(label_of(layout.columns))
         if self.names and names is not None:

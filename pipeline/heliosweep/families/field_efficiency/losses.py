@@ -2,7 +2,7 @@
 
 The energy of a field is computed with all causes of the budget, without any cause, with each cause alone, and with all
 causes but one. The loss due to a cause is the loss with this cause alone. The difference between the total loss and the
-sum of these losses is the interaction of the causes. All energies use the same rays.
+sum of these losses is the interaction of the causes. All these energies are computed with the same rays.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _HORIZON = {
 #: Stages at which incident energy is lost, in order along the light path.
 STAGES = ("horizon", "stow", "cosine", "tower", "shading", "blocking", "reflection", "attenuation", "spillage",
           "availability")  # fmt: skip
-#: Annual energies with exceedance values, and the probability of exceedance for each value.
+#: Annual energies for which exceedance values are computed, and the probability of each exceedance value.
 _EXCEEDED, _PROBABILITIES = ("field_receiver_energy", "field_heat"), {"p50": 0.5, "p90": 0.9}
 
 
@@ -78,7 +78,7 @@ class Tower(Block):
 
 
 class Horizon(Block):
-    """Horizon of the site, interpolated linearly between azimuths. The sun is down if it is below the horizon."""
+    """Horizon of the site, interpolated linearly between azimuths. Below the horizon, the sun counts as set."""
 
     table: Annotated[
         tuple[tuple[float, ...], ...] | None,
@@ -98,7 +98,7 @@ class Horizon(Block):
 
 
 class Availability(Block):
-    """Availability of the heliostats. Energy lost while heliostats are out of operation is one stage of the losses."""
+    """Availability of the heliostats. Energy lost while heliostats do not operate is a separate stage of loss."""
 
     fraction: Annotated[
         float | Sweep | None,
@@ -242,7 +242,7 @@ class Outages(NamedTuple):
     end: NDArray[np.datetime64]
 
     def of(self, layout: Layout) -> dict[int, tuple[NDArray[np.datetime64], NDArray[np.datetime64]]]:
-        """Return the start and end times of each heliostat's outages, by its row in the layout."""
+        """Return the start and end times of each heliostat's outages, by row of the layout."""
         labels, of = np.unique(self.heliostat, return_inverse=True)
         match = layout.matches(labels.tolist())
         return {row: (self.begin[of == match[row]], self.end[of == match[row]])
@@ -299,7 +299,7 @@ def _to_utc(times: NDArray[Any], zone: dt.tzinfo) -> NDArray[np.datetime64]:
 
 
 def outages_of(study: FieldEfficiencyStudy) -> Outages | None:
-    """Return the outages of a study, or None if it has no table of outages."""
+    """Return the outages of a study, or None if the study has no table of outages."""
     if study.availability is None or study.availability.outages is None:
         return None
     name = study.availability.outages
@@ -318,12 +318,12 @@ class Available(NamedTuple):
     fraction: Floats
     #: Start and end times of the outages, by heliostat row.
     outages: Mapping[int, tuple[Any, Any]]
-    #: Midpoint of each interval.
+    #: Midpoint of each time interval, in universal time.
     utc: NDArray[np.datetime64]
 
     @classmethod
     def at(cls, point: Point, layout: Layout) -> Available | None:
-        """Return the availability of a layout's heliostats at a point of the result; None without this block."""
+        """Return the availability of a layout's heliostats at a point of the result; None without `availability`."""
         if point.study.availability is None:
             return None
         outages = outages_of(point.study)
@@ -378,19 +378,22 @@ def check_availability(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
             return
 
 
-#: Keys that a cause may contain.
+#: Keys that a cause in the error budget may contain.
 ALLOWED = (*(key for key in KEYS if not key.endswith((".seed", ".rays", ".precision"))), "tracking",
            "availability.fraction")  # fmt: skip
 
 
 def causes_of(study: FieldEfficiencyStudy) -> dict[str, dict[str, Any]]:
-    """Return the causes of a study and the undisturbed values of their keys, in study units. Raises Invalid."""
+    """Return the causes in an error budget, with the undisturbed values of their keys in the units of the study file.
+
+    Raises Invalid if a value is not valid.
+    """
     declared = {key: parameter for key, parameter, _ in study.parameters()}
     causes = {
         cause: {key: _undisturbed(declared[key], raw) for key, raw in values.items()}
         for cause, values in (study.budget or {}).items()
     }
-    for values in causes.values():  # without a slope error in the study, mirrors without a map have none
+    for values in causes.values():  # a mirror whose map is removed has no slope error
         if "optics.slope_map" in values and study.optics is not None and study.optics.slope_error is None:
             values.setdefault("optics.slope_error", 0.0)
     return causes
@@ -432,7 +435,7 @@ def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 
 def _check_key(key: str, raw: Any, parameter: Parameter | None) -> str:
-    """Return the problem with a key of a cause or its undisturbed value; empty if there is none."""
+    """Return the message about an invalid key of a cause, or about its undisturbed value; empty if both are valid."""
     if key not in ALLOWED:
         names = "tracking, availability.fraction, heliostat.focus, and keys of optics and receiver"
         return f"cannot be a key of a cause: use {names}"
@@ -446,7 +449,7 @@ def _check_key(key: str, raw: Any, parameter: Parameter | None) -> str:
 
 
 def budget_cases(study: FieldEfficiencyStudy) -> int:
-    """Return the number of additional field energies that the budget of one point needs."""
+    """Return the number of additional energy computations that the error budget of one point needs."""
     return 1 + 2 * len(study.budget) if study.budget else 0
 
 

@@ -38,7 +38,7 @@ class Focus(Quantity):
     words: tuple[str, ...] = field(default=("flat", "slant", "layout"), kw_only=True)
 
     def read(self, raw: Any) -> Any:
-        """Return the keyword or the number. Raises Invalid."""
+        """Return the focal length as a keyword or a number. Raises Invalid."""
         several = raw.ends() if isinstance(raw, Sweep) else raw
         if isinstance(several, list | tuple) and several and all(each in self.words for each in several):
             return Sweep(read_items(several, lambda word: word))
@@ -89,7 +89,7 @@ class Heliostat(HeliostatBlock):
 
 
 class Receiver(ReceiverPoint):
-    """The receiver: the aim point of all heliostats and, with 'optics', the surface around it."""
+    """The receiver: the aim point of all heliostats and, with 'optics', the surface around this point."""
 
     kind: Annotated[
         str | None,
@@ -369,7 +369,7 @@ class Optics(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that slopes, cleanliness and rays are given only once, and that model keys match the model."""
+        """Check that slopes, cleanliness and rays are specified once, and that only vant_hull has air properties."""
         ways = ("slope_error", "slope_error_horizontal", "slope_error_vertical")
         given = [key for key in ways if getattr(self, key) is not None]
         if given and given[0] == ways[0]:
@@ -387,7 +387,7 @@ class Optics(Block):
             yield Fault("is also given by 'rays': remove one of them", ("precision",))
 
 
-#: Keys that affect the light on the receiver, except mirror positions and sizes, and the sun's direction.
+#: Keys that affect the light or heat of the receiver, excluding keys of the sun, the layout and the mirror size.
 KEYS = (
     *("heliostat.focus", "heliostat.facets.canting", "receiver.azimuth", "receiver.tilt", "receiver.width"),
     *("receiver.radius", "receiver.height", "receiver.height_extent", "optics.sun_shape.kind"),

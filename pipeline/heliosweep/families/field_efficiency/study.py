@@ -78,7 +78,7 @@ RESERVED = frozenset((
 ))  # fmt: skip
 
 
-#: Results by which heliostats can be ranked, and their meaning.
+#: Results by which heliostats can be ranked, with the definition of each result.
 BY = {
     "receiver_energy": "energy on the receiver; needs 'weather'",
     "energy_per_mirror_area": "energy on the receiver per mirror area; needs 'weather'",
@@ -87,7 +87,7 @@ BY = {
     "design_point_total_efficiency": "at the design point; needs 'optics' and 'design_point'",
     "design_point_optical_efficiency": "at the design point; needs 'design_point'",
 }
-#: Study blocks that each ranking result needs.
+#: Study blocks that are required for a ranking by each result.
 _NEEDS: dict[str, tuple[str, ...]] = {
     "receiver_energy": ("weather",),
     "energy_per_mirror_area": ("weather",),
@@ -98,7 +98,7 @@ _NEEDS: dict[str, tuple[str, ...]] = {
 
 
 class Keep(Block):
-    """Selection of the best heliostats of a layout, which are then computed again without the others."""
+    """Selection of the best heliostats of a layout. The field is then recomputed with only these heliostats."""
 
     heliostats: Annotated[
         int | Sweep | None,
@@ -127,7 +127,7 @@ class Keep(Block):
 
 
 def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
-    """Yield faults of a study with `keep`: missing keys, and keys that cannot be used with it."""
+    """Yield faults of a study with `keep`: missing keys, and keys that cannot be combined with `keep`."""
     keep = study.keep
     if keep is None:
         return
@@ -151,7 +151,7 @@ def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
 
 
 class FieldOutput(Output):
-    """Stored variables and their format. They do not affect the identity of the study."""
+    """Stored variables and their format. The output keys do not affect the identity of the study."""
 
     OF_POINTS: ClassVar = ("field_geometry",)
 
@@ -191,7 +191,7 @@ class DesignPoint(Block):
         return solar_clock(np.radians(latitude), declination_cooper([self.day]), self.solar_hour)
 
     def month(self) -> int:
-        """Month that contains the day, counted from 0."""
+        """Return the month that contains the day of the design point, counted from 0."""
         return (dt.date(2001, 1, 1) + dt.timedelta(min(int(self.day), 365) - 1)).month - 1
 
 
@@ -251,7 +251,7 @@ class FieldEfficiencyStudy(Study):
         return RESERVED | frozenset(AIM_VARIABLES if is_limited(self) else ())
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the study has one or more sites, or no site if sun directions are given; check related keys."""
+        """Check that the study has either sites or sun directions, and that keys have the blocks that they need."""
         directions, given = (
             isinstance(self.time, SunDirections),
             [key for key in ("site", "sites") if getattr(self, key)],
@@ -276,7 +276,7 @@ class FieldEfficiencyStudy(Study):
                 yield Fault(message, tuple(key.split(".")) if key else (), show_value=False)
 
     def _light_rules(self) -> tuple[tuple[object, str, str], ...]:
-        """Return the rules for keys that need one instant or `optics`: condition for a fault, key and message."""
+        """Return the rules for keys that need one instant or `optics`, each with condition, key and message."""
         count, wanted = instant_count(self.time), self.output.flux_map
         return (
             (self.output.outlines and count > 1, "output.outlines",
@@ -291,9 +291,9 @@ class FieldEfficiencyStudy(Study):
         )  # fmt: skip
 
     def dimension_names(self) -> dict[str, str]:
-        """Return the names of dimensions as in `Study.dimension_names`.
+        """Return the names of the dimensions, as in `Study.dimension_names`.
 
-        If the study has several sites, several weather files are along the site dimension.
+        If the study has several sites, weather files vary along the site dimension.
         """
         names = super().dimension_names()
         return names | {"weather.file": "site"} if self.sites is not None and "weather.file" in names else names
@@ -307,7 +307,7 @@ class FieldEfficiencyStudy(Study):
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that the sun rises at some site and is up at the design point; warn about other sites without sun."""
+    """Check that the sun rises and is up at the design point at one site or more; warn about other sites."""
     if isinstance(study.time, SunDirections):
         heights = ends(study.time.elevation)
         if max(heights) <= 0:
@@ -352,7 +352,7 @@ def _columns(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that mirrors have enough clearance above the ground to rotate."""
+    """Check that mirrors do not collide; warn if mirrors can touch each other or the ground."""
     keys = {f"heliostat.{side}": max for side in SIZE_COLUMNS} | {"heliostat.pivot_height": min}
     for layout, values in Layouts(study).some(keys):
         width, height, pivot = (
@@ -374,7 +374,7 @@ def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that the receiver is above all mirrors, and that `keep` selects at most all existing heliostats."""
+    """Check that the receiver is above all mirrors, and that `keep` needs no more heliostats than the layout has."""
     for layout, values in Layouts(study).some({"heliostat.pivot_height": max, "receiver.height": min}):
         centre = layout.z + layout.values("pivot_height", values.get("heliostat.pivot_height"), 0.0)
         top, receiver = centre.max(initial=-np.inf), values["receiver.height"]

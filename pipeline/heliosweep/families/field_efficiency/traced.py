@@ -34,20 +34,20 @@ if TYPE_CHECKING:
 
 #: Default relative standard error of the field's energy for ordinary results and for draws. [1]
 PRECISION, DRAWN_PRECISION = 1e-4, 2e-3
-#: Values for draws: number of rays per pair of heliostat and instant, relative standard deviation of the light between
-#: pairs, fraction of instants with the sun up, and allowed steps between traced instants. All steps cover all hours of
-#: the day. [1]
+#: Number of rays per pair of heliostat and instant in draws, relative standard deviation of the light between these
+#: pairs, and fraction of instants with the sun up. [1]
 DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
 #: Efficiencies that depend on the instant.
 _OF_INSTANTS = (*EFFICIENCIES, LIGHT[0], LIGHT[-1])
-#: Maximum number of pairs of heliostat and group whose sums are reused at the next point.
+#: Maximum number of pairs of heliostat and group of instants whose ray sums are reused at the next point.
 SHARED = 2**13
-#: Number of pairs whose sums are in memory together, and maximum number of instants whose sums are kept for series.
+#: Number of pairs of heliostat and instant whose ray sums are in memory together, and maximum number of instants for
+#: which ray sums are kept for time series.
 PAIRS, KEPT_INSTANTS = 2**15, 2**15
 
 
 def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> float:
-    """Return the expected mean number of rays per heliostat and instant, for the plan. Night instants have no rays."""
+    """Return the expected mean number of rays per heliostat and instant, including night instants without rays."""
     optics: Any = study.optics
     lit = LIT if isinstance(study.time, WeatherTime) else 1.0
     if optics.rays is not None:
@@ -55,19 +55,19 @@ def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> f
     if study.sample is not None and not flux_cells(study) and (step := drawn_step(optics, heliostats * instants)) > 1:
         return lit * DRAWN_RAYS / step
     finer = (PRECISION / (optics.precision or PRECISION)) ** (1.0 / 0.7)
-    # 64 rays are usual for a year. Fewer than 2440 instants need more rays, and a flux map twice the number.
+    # A year usually needs 64 rays. Fewer than 2440 instants need more rays, and a flux map needs twice as many.
     wanted = 64 * max(1.0, 2440 / (lit * instants)) ** 0.8 * (2 if flux_cells(study) else 1) * finer
     return lit * min(max(DRAWN_RAYS, wanted), rays.MOST)
 
 
 def is_series_traced(study: FieldEfficiencyStudy) -> bool:
-    """Return True if the field's time series and its means use the same rays."""
+    """Return True if the time series and the means of the field use the same rays."""
     output, few = study.output, instant_count(study.time) <= KEPT_INSTANTS
     return few and study.optics is not None and output.field_series and not output.time_series
 
 
 def drawn_step(optics: Any, pairs: int) -> int:
-    """Return the step between a heliostat's traced instants in a draw, given the number of pairs."""
+    """Return the step between the traced instants of a heliostat in a draw; each step samples all hours of the day."""
     if optics.rays is not None:
         return 1
     wanted = pairs * LIT * ((optics.precision or DRAWN_PRECISION) / SCATTER) ** 2
@@ -91,7 +91,7 @@ class TracedField(NamedTuple):
     reflection: Floats
     #: Values of `grid.sun.PLACE`.
     place: Sequence[Any]
-    #: Month of each instant, counted from 0, if cleanliness depends on it.
+    #: Month of each instant, counted from 0, if cleanliness depends on the month.
     months: NDArray[np.int64] | None
     #: Index of the point in the result.
     key: tuple[int, ...]
@@ -140,8 +140,8 @@ class TracedField(NamedTuple):
     ) -> Values:
         """Return the values of the field, and of heliostats if stored, at the instants of `part`. [1, kW]
 
-        If `hours` is given, the values include power. `whole` contains the sums over the heliostats at all instants, or
-        is None.
+        If `hours` is given, the values include power. `whole` contains the sums over the heliostats at all instants. If
+        `whole` is None, rays are traced.
         """
         weight = (sun[:, 2] > 0).astype(float) if hours is None else hours.weight
         reflected = self.way.reflected(self.months if hours is None else hours.month, len(sun))
@@ -187,7 +187,7 @@ class TracedField(NamedTuple):
         self, sun: Floats, months: NDArray[np.int64] | None, start: int, stop: int, light: LightSums | None, dni: float,
         series: LightSums | None = None,
     ) -> Values:  # fmt: skip
-        """Return means over the instants with the sun up. If there is only one instant, also compute the flux map."""
+        """Return means over the instants with the sun up, and add a flux map to `light` if given."""
         up, reflected = (sun[:, 2] > 0).astype(float), self.way.reflected(months, len(sun))
         made = self._trace(sun, up, up * reflected, start, stop, light=light, series=series)
         if light is not None:
@@ -197,14 +197,14 @@ class TracedField(NamedTuple):
         return _with_errors(self._efficiencies(part, passed, mirror, _mean(reflected, up)))
 
     def number_of_rays(self, hours: Hours) -> int:
-        """Return the number of rays per heliostat and instant for energies; 0 for draws, which use a fixed number."""
+        """Return the number of rays per heliostat and instant for energies; 0 for draws with a fixed number of rays."""
         if self._stride(len(hours.sun)) > 1:
             return 0
         weight = hours.weight
         return self._rays(hours.sun, weight, weight * self._reflected(hours)[1], flux_cells(self.study))
 
     def _reflected(self, hours: Hours) -> tuple[float, Floats]:
-        """Return the constant factor by which reflectivity is reduced, and the relative factor at each instant.
+        """Return the factors by which dirt reduces the reflectivity: a constant, and a relative value per instant.
 
         Points of the result that differ only in the constant factor use the same rays.
         """
@@ -219,7 +219,7 @@ class TracedField(NamedTuple):
         return self.area * self.transmitted * self.reflection
 
     def _stride(self, instants: int) -> int:
-        """Return the step between traced instants for a number of instants."""
+        """Return the step between traced instants; 1 except in draws without a flux map."""
         drawn = self.study.sample is not None and not flux_cells(self.study)
         return drawn_step(self.study.optics, len(self.area) * instants) if drawn else 1
 
@@ -279,10 +279,12 @@ class TracedField(NamedTuple):
     def _raked(
         self, made: rays.Traced, sun: Floats, weights: Floats, group: NDArray[np.int64] | None, rows: slice,
     ) -> rays.Traced:  # fmt: skip
-        """Scale sums over the traced instants to all instants by sums of cosines, per heliostat and then per group.
+        """Scale the sums over the traced instants to all instants, first for each heliostat, then for each group.
+
+        The scale factors are ratios of the sums of cosines over all instants and over the traced instants.
 
         The sums over the heliostats at each instant assume that the light on the receiver is proportional to the cosine
-        within a group.
+        within a group of instants.
         """
         sums, (weight, reflected) = made.sums, weights
         used = np.flatnonzero(weight)
@@ -343,13 +345,13 @@ class TracedField(NamedTuple):
 class LightSums:
     """Sums over a field's heliostats at a point of the result: flux maps, and the light at each instant.
 
-    Sums are integers. Their results are therefore bitwise equal for any order of heliostat blocks.
+    The sums are integers. Results are therefore bitwise equal for any order of heliostat blocks.
     """
 
     def __init__(self, way: Way) -> None:
         self._study, self._way = way.study, way
         self._maps: dict[str, tuple[NDArray[np.int64], float]] = {}
-        #: True if the sums at each instant are kept for time series or heat, and these sums.
+        #: True if ray sums at each instant are kept for time series or heat. `series` contains these sums.
         self.wanted = is_series_traced(way.study) or (has_heat(way.study) and way.study.weather is not None)
         self.series: Any = 0.0
 
@@ -392,7 +394,7 @@ def _quantities(made: rays.Traced) -> Floats:
 
 
 def _with_errors(values: Values) -> Values:
-    """Return means over the ray sets and their standard errors. Values without ray sets have one dimension."""
+    """Return means over the ray sets and their standard errors. Values common to all ray sets have one dimension."""
     found = {name: each for name, each in values.items() if each.ndim == 1}
     for name in values.keys() - found.keys():
         found[name], found[f"{name}_error"] = rays.mean_error(np.moveaxis(values[name], -2, 0))
@@ -400,7 +402,7 @@ def _with_errors(values: Values) -> Values:
 
 
 def _mean(values: Floats, weights: Floats) -> float:
-    """Return the weighted mean over the instants. The mean of equal values is exactly their value."""
+    """Return the weighted mean over the instants. The mean of equal values is exact."""
     if not values.size or np.all(values == values[0]):
         return float(values[0]) if values.size else np.nan
     return float(np.sum(values * weights) / (np.sum(weights) or np.nan))

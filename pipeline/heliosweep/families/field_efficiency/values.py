@@ -8,12 +8,13 @@ summed over the instants with the sun up and all operating limits met. Factors a
 sum. Each loss is the decrease from one partial product to the next. The losses therefore add up to the incident energy
 minus the received energy.
 
-Both mounts orient the normal along n = unit(s + r), where r is the direction to the receiver and s to the sun:
+Both mounts orient the normal along n = unit(s + r), where r and s are the directions to the receiver and to the sun:
 
-- azimuth-elevation: the primary angle is the azimuth of n, clockwise from north; the secondary angle is its elevation;
-- spinning-elevation: the primary angle is the spin about r. It is 0 if the sun is above r in the vertical plane of r,
-  and positive if the sun is to the right of this plane, seen from the heliostat. The secondary angle is the tilt of n
-  from r, which is the angle of incidence (Chong and Tan 2012, Section 2.1).
+- azimuth-elevation: the primary angle is the azimuth of n, clockwise from north, and the secondary angle is the
+  elevation of n;
+- spinning-elevation: the primary angle is the spin about r. The spin is 0 if the sun is above r in the vertical plane
+  of r, and positive if the sun is to the right of this plane, seen from the heliostat. The secondary angle is the tilt
+  of n from r, which is the angle of incidence (Chong and Tan 2012, Section 2.1).
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ class Days:
         there, hours = np.where(works[:, np.newaxis], sun, DOWN), float(air.hours[works].sum())
         weight, stowed = np.where(works, energy, 0.0), float(energy[~works & ~below].sum())
         behind = None if self._horizon is None else float(energy[below].sum())
-        dni[np.isnan(sun[:, 2])] = np.nan  # padded instants of a site that has fewer instants than others
+        dni[np.isnan(sun[:, 2])] = np.nan  # padded instants of a site with fewer instants than other sites
         return Hours(there, dni, weight, month, incident, stowed, behind, hours, lost)
 
 
@@ -141,8 +142,8 @@ Values = dict[str, Floats]
 class Field(NamedTuple):
     """A field without optics at a point of the result, computed by exact polygons.
 
-    Its methods return values by variable name, with heliostats on the last axis. The values are for the heliostats
-    `start` to `stop` - 1, but all heliostats are included as sources of shading and blocking.
+    Methods return a mapping of variable names to values, with heliostats on the last axis. The values are for the
+    heliostats `start` to `stop` - 1, but all heliostats can shade and block these heliostats.
     """
 
     study: Any
@@ -199,8 +200,8 @@ def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthl
     area : ndarray, shape (n,)
         Area of each mirror. [m2]
     left : sequence of ndarray, shape (n,)
-        Remaining energy per mirror area after each stage from cosine to spillage, including the tower if the study has
-        one. [MWh m-2]
+        Remaining energy per mirror area after each stage from cosine to spillage, with the tower as a stage if the
+        study has a tower. [MWh m-2]
     monthly : ndarray, shape (months, n)
         Received energy per mirror area in each month. [MWh m-2]
     """
@@ -249,7 +250,7 @@ def land_area(x: Floats, y: Floats, radius: float) -> float:
     from shapely import convex_hull, multipoints
 
     hull = convex_hull(multipoints(np.stack((x, y), axis=1)))
-    around = hull.length * (1 if hull.area else 2)  # the hull of centres on one line has two sides
+    around = hull.length * (1 if hull.area else 2)  # if all centres are on one line, the hull has two sides
     return float(hull.area + radius * around + math.pi * radius**2)
 
 
@@ -257,8 +258,8 @@ def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
     """Number the courses: runs of successive instants of one day with the sun above the horizon.
 
     `hours` [h], shape (T,), contains the times of the instants and `sun`, shape (T, 3), the directions to the sun. A
-    course ends if the time decreases (as from one solar day to the next), if it increases by more than `longest` [h],
-    or if the sun is down. An instant with the sun below the horizon begins a new course.
+    course ends if the time decreases (as from one solar day to the next) or increases by more than `longest` [h], or if
+    the sun is down. An instant with the sun below the horizon begins a new course.
     """
     up, step = sun[:, 2] > 0, np.diff(hours)
     begins = ~((step > 0) & (step <= longest * (1 + 1e-6)) & up[:-1] & up[1:])
@@ -322,8 +323,8 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     Returns
     -------
     low, high, span : float
-        Ends of the range and their difference. The lower end is at least -180 and below 180. All three are NaN if there
-        are no angles. [deg]
+        Ends of the range and their difference. The lower end is at least -180 and below 180. All three values are NaN
+        if there are no angles. [deg]
     rate : float
         Maximum absolute rate; NaN if no course contains two instants. [deg/h]
     travel : float
@@ -339,7 +340,8 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     way = np.cumsum(steps)
     way += np.repeat(angle[first] - way[first], np.diff(first, append=angle.size))
     lows, highs = np.minimum.reduceat(way, first), np.maximum.reduceat(way, first)
-    # Each course may have the lowest range. The other ranges then begin within one turn above it.
+    # Each course is tried as the course with the lowest range. The ranges of all other courses then begin within one
+    # turn above this range.
     turns = np.floor((lows + 180.0) / 360.0) * 360.0
     order = np.argsort(lows - turns, kind="stable")
     lows, highs = (lows - turns)[order], (highs - turns)[order]
@@ -362,7 +364,7 @@ def hours_of(instants: Instants, time: Any) -> tuple[Floats, float]:
 
 
 def angles_of(aims: Floats, sun: Floats, tracking: int, hours: tuple[Floats, float] | None, series: bool) -> Floats:
-    """Return mount angles (last axis) at each instant, over the period if `hours` is given, or at one instant."""
+    """Return the motion of mounts (last axis) if `hours` is given, otherwise angles at each instant or one instant."""
     course = None if hours is None else courses(*hours, sun)
     pairs = [tracking_angles(aim, sun, tracking) for aim in aims]
     if hours is not None and course is not None:

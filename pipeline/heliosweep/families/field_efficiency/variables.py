@@ -1,7 +1,7 @@
 """Result variables: names, CF attributes and definitions, in the order of the result file.
 
 Each row of the table `rows` describes one variable: required study properties, name, dimensions, units and
-descriptions. The family's computation returns the values under this name.
+descriptions. The family's computation returns values by variable name.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _EXACT: dict[str, tuple[str, str]] = {
         "(area of the union); over time the mean of this product",
     ),
 }
-#: Variables of studies with `optics`. They are fractions of the rays that start on a mirror.
+#: Variables of studies with `optics`, computed as fractions of the rays that start on a mirror.
 _TRACED: dict[str, tuple[str, str]] = {
     "shading_efficiency": ("shading efficiency", "fraction of the mirror's area that other mirrors do not shade"),
     "blocking_efficiency": (
@@ -75,15 +75,15 @@ _TRACED: dict[str, tuple[str, str]] = {
     ),
 }
 
-#: Variables for each heliostat in the order that the kernel returns, and variables that `optics` adds.
+#: Efficiencies of each heliostat in the order of the kernel's results, and efficiencies that `optics` adds.
 EFFICIENCIES, LIGHT = tuple(_EXACT), tuple(_TRACED)[len(_EXACT) - 1 :]
 SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
 DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
-#: For a heliostat: mean of the product of three efficiencies; for a field: product of three field means.
+#: Mean product of three efficiencies of a heliostat, and product of the field means of these efficiencies.
 PRODUCT = "factored_efficiency"
 FACTORED = "field_efficiency_factored"
-#: Variables with random errors from ray tracing: heliostat efficiencies (including the design point), and all such
-#: variables. Results with draws omit most standard errors, except those of flux maps.
+#: Variables with random errors from ray tracing: first heliostat efficiencies (including the design point),
+#: then all variables. Results with draws omit most standard errors, but include the standard errors of flux maps.
 NOISY = tuple(f"{of}{name}_efficiency" for of in ("", "design_point_")
               for name in ("shading", "blocking", "optical", "intercept", "total"))  # fmt: skip
 _NOISY = (
@@ -96,7 +96,7 @@ _DRAWN_NOISY = tuple(f"{of}{name}" for of in ("", "field_") for name in
 _MAPS = ("flux_map", "peak_flux", "mean_flux", "energy_flux_map")
 #: Number of months in a year.
 MONTHS = 12
-#: Angles of the mount.
+#: Angles of the two axes of a mount.
 ANGLES = ("primary_angle", "secondary_angle")
 OUTLINES = ("outline_u", "outline_v", "outline_area", "outline_heliostat", "outline_count")
 
@@ -115,7 +115,7 @@ _AXES = {
     "secondary": "vertical axis: elevation of the normal; spinning axis: tilt of the normal from the line to the "
     "receiver, which is the angle of incidence",
 }
-#: Quantities of an axis's motion in the order of `values.motion`: name, description, unit and additional comment.
+#: Quantities that describe the motion of an axis, as returned by `values.motion`: name, description, unit, comment.
 _MOTION = (
     ("min", "minimum {} over the period", "degree"),
     ("max", "maximum {} over the period", "degree"),
@@ -129,7 +129,7 @@ _COUNTED = (
     "; the axis moves by the smaller angle between instants of a day, and its angle may exceed a full turn; "
     "overnight the axis may rotate back by whole turns, so the range is the smallest range that contains all days"
 )
-#: Variables of the mount angles over the period.
+#: Variables that describe the motion of the mount axes over the period.
 MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, *_ in _MOTION)
 _IMAGES = (
     "of the shadows (shading) or of the areas hidden from the receiver (blocking) on a mirror, in descending order "
@@ -205,7 +205,7 @@ _INSTANTS: tuple[Row, ...] = (
 
 
 def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = frozenset()) -> list[Row]:
-    """Return the rows of all variables for a study, depending on whether it has optics and sun directions.
+    """Return the table rows of all variables of a study with or without optics and sun directions.
 
     `mean` contains the cell methods of a mean over time. `constant` contains the quantities that do not vary with time.
     """
@@ -282,7 +282,7 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
     ]  # fmt: skip
 
 
-#: Reserved names of all variables, including variables that a study does not have. Layout columns must not use them.
+#: Reserved names of all variables, including variables that a study does not have. Layouts must not use these names.
 #: Variables of aim points are reserved only if aim points are chosen, because layouts may contain aim points.
 NAMES = frozenset((
     *(name for directions in (False, True) for has, name, *_ in rows(True, directions, "") if "limited" not in has),
@@ -293,7 +293,7 @@ NAMES = frozenset((
 def _declared(row: Row, words: Mapping[str, Any]) -> Variable:
     """Return the variable described by a row of the table, with `words` inserted in its long name and comment.
 
-    Its cell methods include that means of an intercept are weighted by the light leaving the mirrors.
+    In the cell methods of an intercept, means are weighted by the light that leaves the mirrors.
     """
     padded: Row = (*row, *[""] * (8 - len(row)))
     _, name, dims, finished, units, long_name, comment, methods = padded
@@ -357,6 +357,6 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
     best = ("receiver_energy", "energy_per_mirror_area", "hours_used", "power", "heat", "_efficiency", FACTORED)
     smallest = ["rank", "heliostat_loss", "loss", "hours_lost", "power_above_limit", "limit_loss", "total_capital_cost",
                 "levelized_cost_of_heat"]  # fmt: skip
-    if study.keep and study.keep.heliostats is None:  # the minimum number of heliostats for a given power
+    if study.keep and study.keep.heliostats is None:  # `keep` minimises the number of heliostats for a required power
         smallest += ["field_heliostats", "field_mirror_area"]
     return with_best(found, [name for name in found if name.endswith(best)], smallest)
