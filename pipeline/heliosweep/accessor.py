@@ -42,7 +42,7 @@ class Plots:
         Parameters
         ----------
         variable : str
-            Variable with the dimension ``heliostat``; the result must have the positions ``x`` and ``y``.
+            Variable with the dimension ``heliostat``. The result must contain the positions ``x`` and ``y``.
         **select
             Value of every other dimension of the variable.
 
@@ -63,16 +63,16 @@ class Plots:
         return _drawn(here, lambda title: Maps(f"map_{variable}", title, (variable,)), variable, select)
 
     def curve(self, variable: str, along: str, **select: Any) -> NamedFigure:
-        """Draw a variable along one dimension, with one line for each value of at most one other dimension.
+        """Draw a variable along one dimension, with one line for each value of another dimension.
 
         Parameters
         ----------
         variable : str
-            The variable.
+            Variable to draw.
         along : str
             Dimension of numbers or times.
         **select
-            Values of the other dimensions. At most one dimension may be omitted.
+            Values of the other dimensions. At most one dimension may be omitted, and has one line for each value.
 
         Returns
         -------
@@ -112,7 +112,7 @@ class HeliosweepAccessor:
     Parameters
     ----------
     result : xarray.Dataset
-        Result of `open_result` or `build`, or a part of it.
+        Result of `open_result` or `build`, or a part of such a result.
     """
 
     def __init__(self, result: xr.Dataset) -> None:
@@ -158,9 +158,9 @@ class HeliosweepAccessor:
         return Plots(self._result)
 
     def sel(self, **labels: Any) -> xr.Dataset:
-        """Select by labels as `xarray.Dataset.sel` does, and heliostats also by name.
+        """Select labels like `xarray.Dataset.sel`, and select heliostats also by name.
 
-        Example: ``sel(heliostat="A1", latitude=30)``.
+        For example, ``sel(heliostat="A1", latitude=30)`` selects one heliostat.
 
         Parameters
         ----------
@@ -171,7 +171,7 @@ class HeliosweepAccessor:
         Raises
         ------
         StudyError
-            If no heliostat has the given name, or more than one heliostat has it.
+            If no heliostat has the given name, or if several heliostats have this name.
         """
         given = labels.get("heliostat")
         wanted = np.asarray(given)
@@ -186,7 +186,7 @@ class HeliosweepAccessor:
         Returns
         -------
         list of NamedFigure
-            Figures, which notebooks show as images.
+            Figures of the report, which notebooks show as images.
 
         Raises
         ------
@@ -204,7 +204,7 @@ class HeliosweepAccessor:
         Returns
         -------
         dict of str to pandas.DataFrame
-            Tables by title. If the family declares no tables, they show the variables with the fewest dimensions.
+            Tables by title. If the family declares no tables, the tables show the variables with the fewest dimensions.
 
         Raises
         ------
@@ -239,7 +239,7 @@ class HeliosweepAccessor:
         Raises
         ------
         StudyError
-            If the table is invalid or does not fit the result; the message lists all problems with their lines.
+            If the table is invalid or does not match the result. The message lists all problems with their lines.
         """
         from heliosweep.report.comparison import compare, read_published
 
@@ -293,7 +293,7 @@ class HeliosweepAccessor:
 
     @contextmanager
     def _part(self, what: str) -> Iterator[Family]:
-        """Yield the family, and report missing variables as a StudyError."""
+        """Yield the family of the result, and convert a missing variable to a StudyError."""
         from heliosweep.families.lookup import family_of_result
 
         family = family_of_result(self._result)

@@ -1,4 +1,4 @@
-"""Main functions: load, plan, build, run and report studies, show their status, and open results."""
+"""Main functions to load, plan, build, run and report studies, to show their status, and to open results."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ class Result:
     Parameters
     ----------
     path : pathlib.Path
-        The data set, ``result.nc``, with ``manifest.json``, ``study.resolved.yaml``,
-        ``report.html`` and ``figures/`` in the same folder.
+        Path of ``result.nc``. The same folder contains ``manifest.json``, ``study.resolved.yaml``, ``report.html``
+        and ``figures/``.
     seconds : dict of str to float
-        Time spent in each stage; empty if the result already existed. [s]
+        Time spent in each stage of the run; an empty mapping if the result already existed. [s]
     """
 
     path: Path
@@ -84,7 +84,7 @@ class Result:
 
     @property
     def page(self) -> Path | None:
-        """The page with figures and tables, or None."""
+        """Path of the page with figures and tables, or None if there is no page."""
         page = self.folder / "report.html"
         return page if page.is_file() else None
 
@@ -93,7 +93,7 @@ class Result:
         return open_result(self.path)
 
     def summary(self) -> str:
-        """Return title, dimensions, headline numbers and page, one per line."""
+        """Return a text with title, dimensions, headline numbers and page of the result, one per line."""
         from heliosweep.report.tables import summary
 
         with read.open_result(self.path) as data:
@@ -102,7 +102,7 @@ class Result:
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
 
     def headline(self) -> str:
-        """Return the first headline number, or the dimensions if there is none."""
+        """Return the first headline number, or the dimensions of the result if it has no headline number."""
         if not self.seconds and self.page and (headline := page_head(self.page)[1]):
             return headline
         lines = self.summary().splitlines()
@@ -119,7 +119,7 @@ class Result:
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Open a result. This is also safe while other threads run studies.
+    """Open a result, even while other threads run studies.
 
     Parameters
     ----------
@@ -129,9 +129,9 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Data set whose values are read when they are used. Close it, or use it as a context manager. Values are not
-        checked: run ``heliosweep verify`` if the file may be damaged. Heliostats with unique names in the layout can be
-        selected by name: ``sel(name="A1")`` or ``heliosweep.sel(heliostat="A1")``.
+        Data set whose values are read when they are used. Close the data set after use, or use it as a context manager.
+        The values are not checked. Run ``heliosweep verify`` if the file may be damaged. Heliostats with unique names
+        in the layout can be selected by name with ``sel(name="A1")`` or ``heliosweep.sel(heliostat="A1")``.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     names = result.coords.get("name")
     if names is not None and names.ndim == 1 and len(set(names.to_numpy().tolist())) == names.size:
         named = result.set_xindex("name")
-        named.set_close(result.close)  # a renamed data set would not close the file
+        named.set_close(result.close)  # otherwise, closing the renamed data set would leave the file open
         return named
     return result
 
@@ -172,7 +172,7 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
     changes : mapping of str to object, optional
         New values by dotted key, such as ``{"receiver.height": 90}``; None removes a key.
     named : str
-        Source of the `changes`, used in messages.
+        Source of the `changes`, as named in messages.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
     Raises
     ------
     StudyError
-        If the study is invalid; the error lists every problem with file, line, column and key.
+        If the study is invalid. The error lists every problem with file, line, column and key.
 
     Examples
     --------
@@ -203,9 +203,9 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
 
 
 def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: bool = False) -> Plan:
-    """Estimate the cost of a study, and split it into chunks.
+    """Estimate the cost of a study, and split the study into chunks.
 
-    The function does not connect to a scheduler.
+    This function does not connect to a scheduler.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
 
 
 def build(study: Source) -> xr.Dataset:
-    """Return the result as a lazy data set.
+    """Return the result of a study as a lazy data set.
 
     Each parameter point is computed by dask only when its values are used.
 
@@ -295,7 +295,7 @@ def run(
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
     scheduler, workers, memory
-        Values that replace the keys of `execution` in the study file. They do not change the numbers of the result.
+        Replacements for the keys of `execution` in the study file. They do not change the numbers in the result.
     progress : bool
         If True, show progress on standard error.
     report : bool
@@ -314,17 +314,17 @@ def run(
     StudyError
         If the folder cannot be written.
     RunInterrupted
-        If the run is stopped; finished parts are kept.
+        If the run is stopped. Finished parts are kept.
     HeliosweepError
-        If the result cannot be written completely, for example because the disk is full; if a part fails (the others
-        are kept); if the folder contains parts computed by another version of the code; or if the result is complete
-        but the report fails.
+        If the result cannot be written completely, for example because the disk is full, or if a part fails. Finished
+        parts are then kept. The error is also raised if the folder contains parts computed by another version of the
+        code, or if the report of a complete result fails.
 
     Notes
     -----
     The first run on a machine compiles the kernels and logs a message. With ``execution.scheduler: processes`` or
-    ``distributed``, the workers import the calling script. It must therefore call this function below ``if __name__ ==
-    "__main__":``. If another process is running the same study, this function waits for it to end.
+    ``distributed``, the workers import the calling script. The script must therefore call this function below ``if
+    __name__ == "__main__":``. If another process is running the same study, this function waits for it to end.
 
     Examples
     --------
@@ -349,7 +349,7 @@ def run(
         if task.study_id != study.study_id:
             raise StudyError(Problem("the files of the study changed while the run was waiting; run the study again"))
         try:
-            if report and (table := study.report.published) is not None:  # find problems in the table before the run
+            if report and (table := study.report.published) is not None:  # finds problems in the table before the run
                 from heliosweep.report import comparison
 
                 published = comparison.read_published(study.resolve(table.file), table.source, table.file)
@@ -365,7 +365,7 @@ def run(
 
 
 def _list(folder: Path) -> None:
-    """Add a result folder to the index of all studies, if it is in their folder."""
+    """Add a result folder to the index of all studies, if the folder is in ``outputs``."""
     if folder.absolute().parent.name == OUTPUTS:
         from heliosweep.report.several import update_index
 
@@ -378,7 +378,7 @@ def _run_of(study: Study, folder: Path) -> Run:
 
 
 def status(*of: str | os.PathLike[str]) -> list[Status]:
-    """Return the state of studies.
+    """Return the status of studies.
 
     Parameters
     ----------
@@ -406,7 +406,7 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
 
 
 def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
-    """Return a result folder: the given path, or the default folder of a study file.
+    """Return the result folder of a study file, or a given result folder unchanged.
 
     Raises StudyError if `there` is True and the study has not been run.
     """
@@ -436,7 +436,7 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
     Returns
     -------
     pathlib.Path
-        The page.
+        Path of the page.
 
     Raises
     ------
@@ -461,7 +461,7 @@ def _report(folder: Path, study: Study | None = None, **options: Any) -> Path:
             return write_report(result, folder, family_of_result(result), study, **options)
     except HeliosweepError:
         raise
-    except Exception as error:  # the message must say that the result is complete
+    except Exception as error:  # the message states that the result is complete
         log.debug("the report failed", exc_info=True)
         advice = "please report this error with the output of --verbose; --no-report omits the page"
         if isinstance(error, (OSError, ImportError, MemoryError)):
@@ -490,7 +490,7 @@ def study(family: str, /, **blocks: Any) -> Study:
     Raises
     ------
     StudyError
-        If the study is invalid; the message lists every problem with its key.
+        If the study is invalid. The message lists every problem with its key.
 
     Examples
     --------
@@ -515,8 +515,8 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
     study : Study
         Study to save.
     path : path
-        File to write, which appears under its name only when it is complete. File names in the study are written
-        relative to its folder.
+        File to write, which appears under its name only when it is complete. File names in the study become relative
+        to the folder of this file.
     force : bool
         If True, replace an existing file.
 
@@ -553,9 +553,9 @@ def comparison_page(
     Parameters
     ----------
     results : sequence of path
-        Result folders; all are compared with the first.
+        Result folders. The first result is the reference for the comparison.
     page : path
-        HTML file to write. It appears under its name when it is complete.
+        HTML file to write, which appears under its name only when it is complete.
     force : bool
         If True, replace an existing file.
 
@@ -603,16 +603,16 @@ def efficiency_table(
     Parameters
     ----------
     source : Study or path
-        Field study, its file, or its result folder. The efficiency is recomputed if the source is not a result over sun
+        Field study, study file, or result folder. The efficiency is recomputed if the source is not a result over sun
         directions, or if other directions are given.
     select : mapping of str to value, optional
         Value of every swept parameter of the field, such as ``{"tracking": "azimuth_elevation"}``.
     azimuth, elevation : number, sequence or mapping, optional
-        Azimuths of the sun, clockwise from north, and elevations. By default, the directions of the source are used, or
-        else steps of 15 deg in azimuth and 5 deg in elevation. [deg]
+        Azimuths (clockwise from north) and elevations of the sun. By default, the directions of the source are used. If
+        the source has no directions, the steps are 15 deg in azimuth and 5 deg in elevation. [deg]
     factor : float
-        Product of the factors that are not computed, 0 to 1. These are the absorptance of the receiver and, for a study
-        without `optics`, also reflectivity, soiling, attenuation and intercept.
+        Product of the efficiency factors that the study does not compute, 0 to 1. These factors are the absorptance of
+        the receiver and, for a study without `optics`, also reflectivity, soiling, attenuation and intercept. [1]
 
     Returns
     -------
@@ -650,13 +650,13 @@ def flux_maps(
     Parameters
     ----------
     source, select, azimuth, elevation
-        As in `efficiency_table`; the study must have `output.flux_map`.
+        As in `efficiency_table`. The study must contain the key `output.flux_map`.
 
     Returns
     -------
     xarray.DataArray
-        Fractions over ``sun_elevation``, ``sun_azimuth`` and the columns, for `write_table`, in the order of the
-        efficiency table.
+        Fractions over ``sun_elevation``, ``sun_azimuth`` and the columns of the receiver, for `write_table`. The
+        directions are in the order of the efficiency table. [1]
 
     Raises
     ------
@@ -683,7 +683,7 @@ def plant_electricity(
     Parameters
     ----------
     source : path
-        Field study with a cylindrical receiver and a weather file, or its result folder.
+        Study file with a field, a cylindrical receiver and a weather file, or the result folder of such a study.
     select : mapping of str to value, optional
         Value of every swept parameter.
     inputs : mapping of str to value, optional
@@ -734,7 +734,7 @@ def _at_directions(
     made: Callable[[xr.Dataset, Mapping[str, Any]], Any],
     changes: Mapping[str, Any] | None = None,
 ) -> Any:
-    """Apply a function to a result over sun directions, which is computed if the source is not such a result.
+    """Apply a function to a result over sun directions. If the source is not such a result, it is computed first.
 
     If the study of a result has `keep`, only the kept heliostats are computed. `changes` apply to the study of a
     folder.
@@ -755,7 +755,7 @@ def _at_directions(
     if asked or getattr(getattr(field, "time", None), "clock", "") != "sun":
         field = sam.at_directions(field, azimuth, elevation)
     directed = build(field)
-    # If the kept heliostats replace the layout, its keys are no longer dimensions.
+    # If the kept heliostats replace the layout, the keys of the layout are no longer dimensions.
     left = {
         key: value for key, value in (select or {}).items() if not kept or dimension_of(directed, key) in directed.dims
     }

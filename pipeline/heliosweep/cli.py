@@ -1,4 +1,4 @@
-"""Command line: results go to standard output, progress and messages to standard error."""
+"""Command line, with results on standard output, and progress and messages on standard error."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EXIT_CODES = """\
 exit codes: 0 success, 1 failure (verify: not intact; compare: not equal), 2 invalid study or usage,
 3 refused by the plan (does not fit), 4 interrupted, can be resumed"""
 
-#: Formats of figures; pages always contain the first format.
+#: Formats of figures. Pages always contain figures in the first format.
 FIGURES = ("png", "svg", "pdf")
 
 
@@ -55,7 +55,7 @@ class _Removed(argparse.Action):
 
 
 def _angles(text: str) -> Any:
-    """Return the numbers of a list or range written as in a study file."""
+    """Return the numbers in a list or range that is written as in a study file."""
     try:
         if ":" in text:
             return dict(zip(("start", "stop", "step"), map(float, text.split(":")), strict=True))
@@ -325,7 +325,7 @@ COMMANDS: dict[str, Command] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code (default arguments: the arguments of the process)."""
+    """Run one command and return its exit code (by default with the arguments of the process)."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -337,7 +337,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     options = parser().parse_args(given)
     try:
-        commands = import_module("heliosweep.commands")  # imported late because its libraries are slow to import
+        commands = import_module("heliosweep.commands")  # a late import because its libraries are slow to import
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(commands.Formatter("%(message)s"))
         logging.basicConfig(level=logging.WARNING, handlers=[handler])
@@ -346,7 +346,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (RunInterrupted, KeyboardInterrupt) as stop:
         print(printable(stop) or "interrupted", file=sys.stderr)
         return RunInterrupted.exit_code
-    except BrokenPipeError:  # the program that reads the output, such as head, has ended
+    except BrokenPipeError:  # a program that reads the output, such as head, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (HeliosweepError, OSError) as error:
@@ -356,7 +356,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line; its result `command` is the name of the command."""
+    """Return the parser of the command line, which stores the name of the command as `command`."""
     main = _Parser(
         prog="heliosweep",
         description="Batch studies of solar-concentrator tracking and optics: from a YAML file to a NetCDF data set.",
@@ -384,7 +384,7 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse recognises only single numbers
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse itself recognises only single negative numbers
 
     def _print_message(self, message: str, file: Any = None) -> None:
         super()._print_message(printable(message), file)

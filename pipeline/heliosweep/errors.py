@@ -1,6 +1,6 @@
-"""Errors that are shown to users: one base class, and one exit code for each kind of error.
+"""Errors that are shown to users, with one base class and one exit code for each kind of error.
 
-Every message gives the position of the problem (file, line, column, key) and the remedy.
+Every message contains the position of the problem (file, line, column, key) and the remedy.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ FORCE = "--force (force=True in Python)"
 #: Logger of the package.
 log = logging.getLogger("heliosweep")
 
-#: White space that is shown unchanged.
+#: White space that is printed unchanged.
 _SPACE = frozenset("\n\t\u00a0\u2007\u2009\u202f")
 
 
@@ -36,13 +36,13 @@ class Problem:
     Parameters
     ----------
     message : str
-        Problem and remedy.
+        Description of the problem and its remedy.
     key : str
-        Dotted key of the study file, for instance ``site.latitude``; empty if no key applies.
+        Dotted key of the study file, for instance ``site.latitude``; an empty string if no key applies.
     file : str
         Name of the file as given by the user.
     line, column : int, optional
-        Position in the file, counted from 1.
+        Line and column in the file, counted from 1.
     unlisted : int
         Number of unlisted problems that this entry represents; 0 for a single problem.
     """
@@ -60,12 +60,12 @@ class Problem:
 
 
 def reason_of(error: BaseException | None) -> str:
-    """Return type and message of an error from another library."""
+    """Return the type and message of an error that another library has raised."""
     return f"{type(error).__name__}: {error}".rstrip(": ")
 
 
 def listed(problems: Iterable[Problem], most: int, count: int, words: str = "more problems") -> list[Problem]:
-    """Return the first problems of a file and, if `count` exceeds their number, one entry for all others."""
+    """Return the first `most` problems of a file, and one entry for the other problems if `count` is larger."""
     first = list(islice(problems, most))
     rest = count - len(first)
     return [*first, Problem(f"and {rest:,} {words}", file=first[0].file, unlisted=rest)] if rest else first
@@ -96,7 +96,7 @@ def load_extra(module: str, package: str, extra: str) -> Any:
 
 
 class StudyError(HeliosweepError):
-    """Invalid study or input file; lists all problems."""
+    """Error for an invalid study or input file, which lists all problems."""
 
     exit_code = 2
 
@@ -114,7 +114,7 @@ class StudyError(HeliosweepError):
 
 
 class PlanError(HeliosweepError):
-    """Valid study that is too large for this machine.
+    """Error for a valid study that is too large for this machine.
 
     The message names the dimension to reduce.
     """
@@ -123,6 +123,6 @@ class PlanError(HeliosweepError):
 
 
 class RunInterrupted(HeliosweepError):
-    """The run was stopped before its end, and no incomplete file was left."""
+    """Error for a run that was stopped before its end and left no incomplete file."""
 
     exit_code = 4

@@ -1,4 +1,4 @@
-"""Write files completely or not at all; also the lock of the NetCDF library, and the number of processors."""
+"""Functions that write files completely or not at all, lock of the NetCDF library, and number of processors."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 
 T = TypeVar("T")
 _numbers = itertools.count()
-#: Prefix of the name of a file in the package pvlib, such as ``pvlib:data/723170TYA.CSV``.
+#: Prefix of the names of files in the package pvlib, such as ``pvlib:data/723170TYA.CSV``.
 PVLIB = "pvlib:"
 
 
 def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Cache the last `most` results of a function whose first argument is a file, until this file changes."""
+    """Cache up to `most` results of a function whose first argument is a file, until this file changes."""
 
     def decorated(read: Callable[..., T]) -> Callable[..., T]:
         kept = lru_cache(most)(lambda stamp, *args, **kwargs: read(*args, **kwargs))
 
         @wraps(read)
         def reading(path: Path, *args: Any, **kwargs: Any) -> T:
-            with suppress(OSError, ValueError):  # for example, a name with a NUL character
+            with suppress(OSError, ValueError):  # for example, because the name contains a NUL character
                 status = path.stat()
                 return kept((status.st_mtime_ns, status.st_size), path, *args, **kwargs)
             return read(path, *args, **kwargs)
@@ -51,12 +51,12 @@ def user_path(path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     StudyError
-        If there is no such home folder, or if the path is an address such as ``s3://bucket/folder``.
+        If the home folder does not exist, or if the path is an address such as ``s3://bucket/folder``.
     """
     name = os.fspath(path)
-    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", name):  # such as s3://bucket; a drive letter such as C: is no scheme
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", name):  # such as s3://bucket, but not a drive letter such as C:
         raise StudyError(Problem("is an address, not a path on this machine; name a local file or folder", file=name))
-    expanded = os.path.expanduser(name)  # noqa: PTH111  # pathlib takes "./~" for the home folder too
+    expanded = os.path.expanduser(name)  # noqa: PTH111  # pathlib also expands "./~" to the home folder
     if expanded == name and name.startswith("~"):
         problem = "there is no such home folder; if it is the name of a file, write ./ before it, or give its full path"
         raise StudyError(Problem(problem, file=name))
@@ -65,18 +65,18 @@ def user_path(path: str | os.PathLike[str]) -> Path:
 
 
 def named_in(folder: Path, name: str) -> Path:
-    """Return the path of a file named in a file in `folder`. Raises StudyError as `user_path` does.
+    """Return the path of a file whose name is relative to `folder`, or begins with ``~`` or ``pvlib:``.
 
-    The name is relative to `folder`, or begins with ``~`` or ``pvlib:``.
+    Raises StudyError as `user_path` does.
     """
     if name.startswith(PVLIB):
-        spec: Any = importlib.util.find_spec("pvlib")  # this does not import pvlib
+        spec: Any = importlib.util.find_spec("pvlib")  # finds pvlib without importing it
         return Path(spec.origin).parent / name.removeprefix(PVLIB)
     return folder / (user_path(name) if name.startswith("~") else name)
 
 
 def seen_from(folder: Path, path: Path) -> str:
-    """Return the name of a file relative to `folder`, so that `named_in` returns the same file."""
+    """Return the name of a file relative to `folder`, from which `named_in` returns the same file."""
     seen = os.path.relpath(path, folder)
     if os.path.realpath(folder / seen) != os.path.realpath(path):
         seen = os.path.relpath(Path(os.path.realpath(path.parent)) / path.name, os.path.realpath(folder))
@@ -85,22 +85,22 @@ def seen_from(folder: Path, path: Path) -> str:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary name for a file, which is renamed to `path` when it is complete and on disk.
+    """Yield a temporary name for a file, and rename the file to `path` when it is complete and on disk.
 
     Parameters
     ----------
     path : pathlib.Path
-        File to write; an existing file is replaced atomically.
+        File to write. An existing file is replaced atomically.
 
     Yields
     ------
     pathlib.Path
-        Unique name in the same folder.
+        Unique name in the folder of `path`.
 
     Raises
     ------
     HeliosweepError
-        If the file cannot be written; the message gives the reason. No temporary file is left.
+        If the file cannot be written. The message gives the reason, and no temporary file remains.
     """
     temporary = temporary_name(path)
     try:
@@ -113,12 +113,12 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file completely or not at all; invalid characters are escaped.
+    """Write a file completely or not at all, with invalid characters escaped.
 
     Raises
     ------
     HeliosweepError
-        If the file cannot be written; the message gives the reason.
+        If the file cannot be written. The message gives the reason.
     """
     data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     with written_whole(path) as temporary:
@@ -134,12 +134,12 @@ def write_rows(rows: Iterable[Iterable[object]], path: Path, notes: Iterable[str
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Convert errors in writing to a HeliosweepError that gives the reason.
+    """Convert an OSError raised in writing a file to a HeliosweepError that gives the reason.
 
     Raises
     ------
     HeliosweepError
-        Instead of an OSError.
+        If the file cannot be written.
     """
     try:
         yield
@@ -148,14 +148,14 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def why_not_written(path: Path, error: Exception) -> str:
-    """Return the reason why a file or folder could not be written, and the free space.
+    """Return the reason why a file or folder could not be written, and the free disk space.
 
     Parameters
     ----------
     path : pathlib.Path
         File or folder to write, which need not exist.
     error : OSError or RuntimeError
-        Error of the system or of a library.
+        Error raised by the operating system or by a library.
 
     Returns
     -------
@@ -210,10 +210,10 @@ def remove(path: Path) -> None:
 
 
 class _LibraryLock:
-    """Reentrant lock that can be pickled; each process has one lock.
+    """Reentrant lock of the NetCDF library, which can be pickled. Each process has one lock.
 
     Only one thread at a time may call the library, even for different files. xarray uses a given lock to read values,
-    but not to open files and read attributes.
+    but not to open files or to read attributes.
     """
 
     def __init__(self) -> None:
@@ -236,7 +236,7 @@ LIBRARY_LOCK = _LibraryLock()
 def processors() -> int:
     """Return the number of processors that this process may use, given its affinity and the quota of its container."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    with suppress(OSError, ValueError):  # there is no container or no quota
+    with suppress(OSError, ValueError):  # the process has no container or no quota
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
         count = min(count, math.ceil(int(quota) / int(period)))
     return max(1, count)

@@ -21,11 +21,11 @@ from heliosweep.report.context import axis_label, number_text
 
 #: Name of the comparison file in a result folder.
 FILE = "comparison.csv"
-#: Maximum number of bytes and of rows of a table of published numbers.
+#: Maximum size in bytes, and maximum number of rows, of a table of published numbers.
 MAX_BYTES, MAX_ROWS = 2 * 2**20, 10_000
-#: Tolerance for matching numeric labels, and relative rounding error allowed at the bound of a tolerance.
+#: Tolerance for matching numeric labels, and relative rounding error allowed in a comparison with a tolerance.
 SAME, EDGE = 1e-9, 1e-12
-#: Possible verdicts in a table.
+#: Possible verdicts in a table of published numbers.
 AGREES, DIFFERS = VERDICTS = ("agrees", "does not agree")
 #: Unit names in results and tables, with the corresponding names in `config.values`.
 _HOUSE = {
@@ -54,7 +54,7 @@ _COLUMNS = {
 
 @dataclass(frozen=True)
 class Comparison:
-    """One published number and the computed value.
+    """Published number and the computed value of one quantity.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Comparison:
     where : dict of str to str
         Coordinates as written in the table of published numbers.
     computed : float
-        Computed value; NaN before `compare`. [`unit`]
+        Computed value; NaN before `compare` is called. [`unit`]
     published, tolerance : float
         Published number and maximum difference. [`unit`]
     unit : str
@@ -71,11 +71,11 @@ class Comparison:
     decimals : int
         Number of published decimals.
     claim, reason : str
-        Figure, table or sentence of the publication; reason for the tolerance.
+        Figure, table or sentence of the publication, and reason for the tolerance.
     stated_computed, stated_verdict : str
-        Computed value and verdict stated in the table; empty if the table states none.
+        Computed value and verdict that the table states; empty strings if the table states none.
     line : int
-        Line of the table, counted from 1.
+        Number of the line in the table, counted from 1.
     """
 
     quantity: str
@@ -93,7 +93,7 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """Published number, with its published decimals."""
+        """Published number with its published decimals."""
         return f"{self.published:.{self.decimals}f}"
 
     @property
@@ -103,7 +103,7 @@ class Comparison:
 
     @property
     def agrees(self) -> bool:
-        """True if the difference is within the tolerance; False for a missing value."""
+        """True if the difference is within the tolerance; False if the computed value is missing."""
         return abs(self.difference) <= self.tolerance + EDGE * max(abs(self.published), self.tolerance)
 
     @property
@@ -133,7 +133,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Compared:
-    """Published numbers in the order of their table, their source, and the name of the file for messages."""
+    """Published numbers in the order of their table, their source, and the file name for messages."""
 
     values: list[Comparison]
     source: str
@@ -141,7 +141,7 @@ class Compared:
 
     @property
     def agrees(self) -> bool:
-        """True if all values agree."""
+        """True if all computed values agree with the published numbers."""
         return all(one.agrees for one in self.values)
 
     @property
@@ -151,7 +151,7 @@ class Compared:
 
     @property
     def summary(self) -> str:
-        """One line with the number of values that agree, and the maximum difference in each unit."""
+        """Line with the number of values that agree, and the maximum difference in each unit."""
         largest = []
         for unit in dict.fromkeys(one.unit for one in self.values):
             differences = [abs(one.difference) for one in self.values if one.unit == unit]
@@ -165,7 +165,7 @@ class Compared:
 
     @property
     def surprises(self) -> list[str]:
-        """Messages about values and verdicts that differ from those stated in the table."""
+        """Messages about values and verdicts that differ from the values and verdicts in the table."""
         return [
             f"{one.claim or ' '.join([one.quantity, *one.where.values()])}: {one.surprise}"
             for one in self.values
@@ -173,7 +173,7 @@ class Compared:
         ]
 
     def table(self, result: xr.Dataset) -> tables.Table:
-        """Return the table for readers, with one row for each published number."""
+        """Return a table for readers with one row for each published number."""
         names = [*dict.fromkeys(name for one in self.values for name in one.where)]
         labels = [axis_label(result[name]) if name in result.coords else name for name in names]
         last = ("computed", "published", "difference", "tolerance", "unit", "reason", "verdict")
@@ -198,16 +198,17 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
     ----------
     path : pathlib.Path
         Table with columns ``quantity``, ``published``, ``unit`` and ``tolerance`` (in the same unit), and optionally
-        ``claim``, ``reason``, ``computed`` and ``verdict``; every other column is a coordinate of the result.
+        ``claim``, ``reason``, ``computed`` and ``verdict``. Every other column is a coordinate of the result.
     source : str
-        Source of the numbers.
+        Source of the published numbers.
     name : str
         Name of the file in messages (default: `path`).
 
     Raises
     ------
     StudyError
-        If the file cannot be read or is not such a table. The message lists every problem with its line.
+        If the file cannot be read or is not a table of published numbers. The message lists every problem with its
+        line.
     """
     file = name or str(path)
     table = read_table(
@@ -241,7 +242,7 @@ def _comparison(
     stated: tuple[str, str] = _WORDS[2:],
     line: int = 0,
 ) -> Comparison:
-    """Return a published number from the cells of its row; `stated` lists the columns of stated values."""
+    """Return a published number from the cells of its row. `stated` lists the columns of stated values."""
     where = {key: cell for key, cell in cells.items() if key not in {*_COLUMNS, *_STORED} and cell}
     decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
     words: Any = {key: cells.get(name, "") for key, name in zip(_WORDS, (*_WORDS[:2], *stated), strict=True)}
@@ -321,7 +322,7 @@ def _labelled(result: xr.Dataset, array: xr.DataArray, name: str, text: str) -> 
 
 
 def value_label(value: Any, letters: int = 10) -> str:
-    """Return a label as written in tables of published numbers. A date is cut to its first `letters` characters."""
+    """Return a label as written in tables of published numbers, with a date cut to its first `letters` characters."""
     if isinstance(value, np.datetime64):
         return str(value.astype("datetime64[s]"))[:letters]
     return f"{value:g}" if isinstance(value, np.number) else str(value)
@@ -332,7 +333,7 @@ def _hint(name: str, known: Iterable[Any]) -> str:
 
 
 def comparison_csv(compared: Compared) -> str:
-    """Return the comparison as the text of `FILE`, with all digits."""
+    """Return the text of the file ``comparison.csv`` for a comparison, with all digits."""
     empty = dict.fromkeys([*(name for one in compared.values for name in one.where), *_STORED], "")
     rows = [
         {**empty, **one.where, **{key: getattr(one, key) for key in _STORED}, "published": one.text}
@@ -343,7 +344,7 @@ def comparison_csv(compared: Compared) -> str:
 
 
 def read_comparison(path: Path) -> Compared:
-    """Read a file written by `comparison_csv`. Raises StudyError if the file is not such a table."""
+    """Read the text of `comparison_csv` from a file. Raises StudyError if the file has another content."""
     lines = path.read_text(encoding="utf-8").splitlines()
     source = [line[1:].strip() for line in lines if line.startswith("#")]
     try:

@@ -1,4 +1,4 @@
-"""Select the values that figures and tables show, and format them with units."""
+"""Selection of the values that figures and tables show, and their text with units."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LETTERS = 38
 
 
 def unit_of(array: xr.DataArray) -> str:
-    """Return the printed unit; fractions are printed in percent."""
+    """Return the printed unit of an array. Fractions are printed in percent."""
     if is_fraction(array):
         return "%"
     unit = str(array.attrs.get("units", ""))
@@ -43,23 +43,23 @@ def unit_of(array: xr.DataArray) -> str:
 
 
 def is_fraction(array: xr.DataArray) -> bool:
-    """Return True if values are fractions, which are printed in percent."""
+    """Return True if the values of an array are fractions, which are printed in percent."""
     valid = array.attrs.get("valid_range")
     return array.attrs.get("units") == "1" and valid is not None and [float(end) for end in valid] == [0.0, 1.0]
 
 
 def is_signed(low: float, high: float) -> bool:
-    """Return True if a range includes values of both signs, so that colours must differ about zero."""
+    """Return True if a range includes values of both signs, so that colours must diverge from zero."""
     return min(-low, high) > 0.02 * max(-low, high)
 
 
 def is_flag(array: xr.DataArray | xr.Variable) -> bool:
-    """Return True if values are codes for categories."""
+    """Return True if the values of an array are codes for categories."""
     return "flag_values" in array.attrs and "flag_meanings" in array.attrs
 
 
 def is_quantity(array: xr.DataArray | xr.Variable) -> bool:
-    """Return True if values are numbers and not words, dates or flags."""
+    """Return True if the values of an array are numbers and not words, dates or flags."""
     return array.dtype.kind in "fiu" and not is_flag(array)
 
 
@@ -70,12 +70,12 @@ def quantities(result: xr.Dataset) -> list[str]:
 
 
 def is_latitude(array: xr.DataArray) -> bool:
-    """Return True if values are latitudes, which are printed with their hemisphere."""
+    """Return True if the values of an array are latitudes, which are printed with their hemisphere."""
     return array.name == "latitude" or array.attrs.get("units") == "degrees_north"
 
 
 def printed(array: xr.DataArray, of: xr.DataArray | None = None) -> Any:
-    """Return the values of an array in its printed unit. If it is the error of an array `of`, use the unit of `of`."""
+    """Return the values of an array in its printed unit, or in the unit of the array `of` if they are its errors."""
     values = array.to_numpy()
     return values * 100 if is_fraction(array if of is None else of) else values
 
@@ -96,7 +96,7 @@ def head_of(array: xr.DataArray) -> str:
 
 
 def axis_label(array: xr.DataArray) -> str:
-    """Return the label of an axis: name and unit."""
+    """Return the label of an axis with the name and unit of an array."""
     unit = unit_of(array)
     return f"{title_of(array)} ({unit})" if unit else title_of(array)
 
@@ -113,7 +113,7 @@ def value_texts(coordinate: xr.DataArray) -> list[str]:
         dates = values.astype("datetime64[D]" if name == "date" else "datetime64[m]").astype(str)
         return [text.removesuffix("T00:00") for text in dates.tolist()]
     if kind in "OU":
-        if name in ("site", "layout", "heliostat", "name", "id"):  # labels need no unit
+        if name in ("site", "layout", "heliostat", "name", "id"):  # names and numbers of objects need no unit
             return [re.sub(r"^(?:.*/)?(.*)\.csv$", r"\1", str(text)) for text in values]
         hyphened = name in ("tracking", "model", "mount_kind", "source", "axis", "loss")
         return [str(text).replace("_", "-" if hyphened else " ") for text in values]
@@ -145,12 +145,12 @@ Point = Mapping[str, int]
 
 
 def evenly(length: int, most: int) -> list[int]:
-    """Return at most `most` of `length` positions: the first, the last and evenly spaced ones between them."""
+    """Return the first, the last and evenly spaced positions between them, at most `most` of `length` positions."""
     return sorted({round(place) for place in np.linspace(0, length - 1, min(length, most))})
 
 
 def is_geometric(values: np.ndarray) -> bool:
-    """Return True if positive numbers have a constant ratio over at least a decade."""
+    """Return True if positive numbers cover at least a decade with a constant ratio between neighbours."""
     if values.size < 3 or values.dtype.kind not in "fiu" or values.min() <= 0 or values.max() < 10 * values.min():
         return False
     ratios = np.diff(np.log(values))
@@ -158,19 +158,19 @@ def is_geometric(values: np.ndarray) -> bool:
 
 
 def at(array: xr.DataArray, *points: Point) -> xr.DataArray:
-    """Select positions along the dimensions of an array, without reading values. Other dimensions are ignored."""
+    """Select positions along the dimensions of an array without reading its values. Ignores unknown dimensions."""
     return array.isel({dim: index for point in points for dim, index in point.items() if dim in array.dims})
 
 
 class Context:
-    """Result, and values of the dimensions that a figure does not show.
+    """Result with the selected values of the dimensions that a figure does not show.
 
     Parameters
     ----------
     result : Dataset
-        Result.
+        Result to show.
     held : mapping of str to object
-        Values of dimensions, as in `Figure.at`.
+        Selected values of dimensions, as in `Figure.at`.
     """
 
     def __init__(self, result: xr.Dataset, held: Mapping[str, Any] | None = None) -> None:
@@ -213,8 +213,8 @@ class Context:
     ) -> list[dict[str, int]]:
         """Return at most `most` positions along a dimension, or a single empty mapping if `dim` is None.
 
-        Positions without a value in `known` are excluded. If `worst` is given, the positions of its highest values are
-        chosen.
+        Positions without a value in `known` are excluded. If `worst` is given, the positions of the highest values of
+        `worst` are chosen.
         """
         if dim is None or dim not in self.result.sizes:
             return [{}]
@@ -261,15 +261,15 @@ class Context:
         return value if (speaks and not value[:1].isdigit()) or dim == "date" else f"{self.title(dim)} {value}"
 
     def values(self, point: Point) -> str:
-        """Return the values at a point, for example as the name of a line."""
+        """Return a text with the values of the dimensions at a point, for example as the name of a line."""
         return ", ".join(self.value(dim, index) for dim, index in point.items())
 
     def fulls(self, point: Point) -> str:
-        """Return the names and values at a point, for example as the title of a panel."""
+        """Return a text with the names and values of the dimensions at a point, for example as the title of a panel."""
         return ", ".join(self.full(dim, index) for dim, index in point.items())
 
     def note(self, fixed: Point, *shown: Sequence[Point]) -> str:
-        """Return the sentences of a caption that state the selection.
+        """Return the sentences of a caption that state the selected values.
 
         Each element of `shown` lists the points of one dimension that are shown.
         """
@@ -279,12 +279,13 @@ class Context:
         return " ".join(f"{word}: {', '.join(texts)}." for word, texts in (("Shown", parts), ("Fixed", held)) if texts)
 
 
-#: Side of a mirror of unknown size relative to the square root of its land area; minimum side relative to the map. [1]
+#: Side of a mirror of unknown size relative to the square root of its land area [1].
+#: Minimum side of a mirror relative to the size of the map [1].
 PACKING, SMALLEST = 0.55, 1 / 250
 
 
 def mirrors(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return x, y, width and height of the mirrors of a field; small mirrors are enlarged to be visible. [m]"""
+    """Return x, y, width and height of the mirrors of a field, with small mirrors enlarged to be visible. [m]"""
     x, y = (here[name].to_numpy().astype(float) for name in "xy")
     spans = [float(np.ptp(side[np.isfinite(side)])) if np.isfinite(side).any() else 1.0 for side in (x, y)]
     usual = max(PACKING * math.sqrt(spans[0] * spans[1] / max(int(np.isfinite(x).sum()), 1)), max(spans) / 60, 1.0)
@@ -305,7 +306,7 @@ def areas(result: xr.Dataset) -> dict[str, list[np.ndarray]]:
 
 
 def aperture(result: xr.Dataset, point: Point) -> tuple[float, float] | None:
-    """Return width and height of the receiver's aperture at a point, or None. [m]"""
+    """Return width and height of the receiver's aperture at a point, or None if there is no aperture. [m]"""
     names = ("receiver_width", "receiver_height_extent")
     sides = [at(result[name], point) for name in names if name in result.coords]
     known = [float(side) for side in sides if not side.ndim and side.dtype.kind in "fiu" and 0 < side < np.inf]

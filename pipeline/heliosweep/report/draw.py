@@ -1,4 +1,4 @@
-"""Draw declared figures with matplotlib: curves, coloured maps, pictures and planes."""
+"""Drawing of declared figures with matplotlib, such as curves, coloured maps, pictures and planes."""
 
 from __future__ import annotations
 
@@ -70,11 +70,11 @@ from heliosweep.report.figures import (
 from heliosweep.report.tables import number_texts
 from heliosweep.store.folder import target_file
 
-#: Maximum number of lines in a panel, of panels in a figure, and of panels in a row.
+#: Maximum numbers of lines in a panel, of panels in a figure, and of panels in a row.
 MOST_LINES, MOST_PANELS, COLUMNS = 7, 6, 3
 #: Width of a figure with several panels, and with one panel. [inch]
 WIDE, SINGLE = 7.2, 4.8
-#: Lines with more points have no markers.
+#: Maximum number of points of a line with markers.
 MARKED = 40
 #: Number of letters per inch in the title of a panel.
 TITLE_LETTERS = 15
@@ -86,16 +86,16 @@ _AREAS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, repr=False)
 class NamedFigure:
-    """A drawn figure with its file name and caption; a notebook shows it as an image.
+    """Drawn figure with its file name and caption, which a notebook shows as an image.
 
     Parameters
     ----------
     name : str
-        Name of the file.
+        Name of the image file.
     caption : str
-        Caption.
+        Caption of the figure.
     figure : matplotlib.figure.Figure
-        Figure to change or to save.
+        Matplotlib figure, which may be changed before it is saved.
     """
 
     name: str
@@ -109,12 +109,12 @@ class NamedFigure:
         return image(self.figure, "png")
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Save the figure as PNG, SVG or PDF, depending on the suffix of the path.
+        """Save the figure as a PNG, SVG or PDF file, depending on the suffix of the path.
 
         Parameters
         ----------
         path : path
-            File to write. The file appears under its name only when it is complete.
+            File to write, which appears under its name only when it is complete.
         force : bool
             If True, replace an existing file.
 
@@ -136,12 +136,12 @@ class NamedFigure:
 
 
 def draw(result: xr.Dataset, figures: Iterable[Figure], most: int = MOST_FIGURES) -> Iterator[NamedFigure]:
-    """Draw declared figures, one at a time.
+    """Draw declared figures one at a time.
 
     Parameters
     ----------
     result : Dataset
-        Result; only the values that a figure shows are read.
+        Result, of which only the values that a figure shows are read.
     figures : iterable of Figure
         Declarations of the figures.
     most : int
@@ -155,7 +155,7 @@ def draw(result: xr.Dataset, figures: Iterable[Figure], most: int = MOST_FIGURES
 
 
 def drawn(result: xr.Dataset, figure: Figure) -> list[NamedFigure]:
-    """Draw one declared figure. Returns an empty list if the result has no values for it."""
+    """Draw one declared figure. Returns an empty list if the result has no values for the figure."""
     result, shown = prepared(result, figure)
     if shown is None or not shown.image:
         return []
@@ -176,18 +176,18 @@ def _caption(figure: Figure, *more: str) -> str:
 def panels(
     count: int, columns: int, height: float, *, wide: bool = False, **options: Any
 ) -> tuple[Drawing, list[Axes]]:
-    """Return a figure with `count` panels in rows, and the axes in reading order.
+    """Return a figure with `count` panels in rows, and the axes of the panels in reading order.
 
     Parameters
     ----------
     count, columns : int
-        Number of panels, and of panels in a row.
+        Number of panels, and number of panels in a row.
     height : float
-        Height over width of a panel.
+        Ratio of height to width of a panel.
     wide : bool
         If True, a single panel has the width of a page.
     **options
-        Options of `matplotlib.figure.Figure.subplots`, and `layout`.
+        Options of `matplotlib.figure.Figure.subplots`, and the option `layout` of the figure.
     """
     columns = min(columns, count)
     rows = -(-count // columns)
@@ -198,12 +198,12 @@ def panels(
     for axes in grid[count:]:
         axes.remove()
     for axes in grid[:count]:
-        axes.spines[:].set_in_layout(False)  # spines lie within the panel and are slow to measure
+        axes.spines[:].set_in_layout(False)  # spines lie within the panel, and their size is slow to compute
     return drawing, list(grid[:count])
 
 
 def abreast(count: int, most: int = COLUMNS) -> int:
-    """Return the number of panels in a row for which the rows are as equal in length as possible."""
+    """Return the number of panels in a row, chosen so that all rows have nearly equal lengths."""
     return -(-count // -(-count // most)) if count else 1
 
 
@@ -217,7 +217,7 @@ def legend(drawing: Drawing, entries: Mapping[str, Any], title: str = "") -> Non
 
 
 def label_outside(grid: Sequence[Axes], columns: int) -> None:
-    """Keep only the labels at the left of each row and at the bottom of each column."""
+    """Remove all axis labels except at the left of each row and at the bottom of each column."""
     for index, axes in enumerate(grid):
         last, first = index + columns >= len(grid), index % columns == 0
         axes.set(**{} if last else {"xlabel": ""}, **{} if first else {"ylabel": ""})
@@ -225,7 +225,7 @@ def label_outside(grid: Sequence[Axes], columns: int) -> None:
 
 
 def set_ticks(axis: Axis, context: Context, dim: str, most: int = 6) -> None:
-    """Set scale and ticks of an axis along a dimension."""
+    """Set the scale and the ticks of an axis for the values along a dimension."""
     coordinate, (values, words) = context.coordinate(dim), context.along(dim)
     if words:
         step = -(-len(words) // 24)
@@ -287,7 +287,7 @@ def _curves(context: Context, figure: Curves, over: Sequence[str]) -> Iterator[N
 def _curves_chosen(
     context: Context, figure: Curves, axis: str
 ) -> tuple[list[str], str | None, list[dict[str, int]], list[dict[str, int]], dict[str, int]]:
-    """Return the variables, the dimension of the lines, the points of lines and panels, and the fixed positions."""
+    """Return variables, dimension of the lines, points of lines, points of panels, and fixed positions of a figure."""
     result = context.result
     names = [name for name in figure.variables if axes_of(result, figure, name) == [axis]]
     names = ([name for name in names if _varies(result[name], axis)] or names)[: figure.most]
@@ -304,7 +304,7 @@ def _lines(
     axes: Axes, context: Context, figure: Curves, axis: str, name: str, place: Point,
     lines: Sequence[Point], looks: Mapping[str, Mapping[str, Any]],
 ) -> dict[str, Any]:  # fmt: skip
-    """Draw the lines or points of a panel with their bands; return them by name."""
+    """Draw the lines or points of a panel with their bands, and return the drawn lines by name."""
     result, entries, order, (x, words) = context.result, dict[str, Any](), context.order(axis), context.along(axis)
     for number, point in enumerate(lines if set(lines[0]) <= set(result[name].dims) else [{}]):
         values, label = at(result[name], place, point), context.values(point)
@@ -325,7 +325,7 @@ def _lines(
 
 
 def _varies(array: xr.DataArray, axis: str) -> bool:
-    """Return False if a small array is nearly constant along an axis."""
+    """Return False if an array is nearly constant along an axis. Large arrays are not checked."""
     if array.size > 200_000 or array.dtype.kind == "M":
         return True
     values = np.ma.masked_invalid(np.moveaxis(array.to_numpy(), array.dims.index(axis), 0))
@@ -340,7 +340,7 @@ def _band(result: xr.Dataset, figure: Curves, name: str) -> Sequence[str]:
 
 
 def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], ordered: bool) -> dict[str, dict[str, Any]]:
-    """Return colour, dashes and marker of each line; ordered lines range from dark to light."""
+    """Return colour, dashes and marker of each line. The colours of ordered lines range from dark to light."""
     scale = colormaps[VALUES](np.linspace(0.0, 0.85, len(names)))
     colours, dashes = scale if ordered and len(names) > 2 else COLOURS, ("-",) if ordered else DASHES
     return {
@@ -354,7 +354,7 @@ def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], order
 def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], colour: Any, joined: bool) -> None:
     """Draw a band along a line, or error bars at points.
 
-    `sides` contains the lower and upper ends, or one half width. If it is empty, no band is drawn.
+    `sides` contains the lower and upper ends of the band, or half of its width. If `sides` is empty, no band is drawn.
     """
     low, high = sides if len(sides) == 2 else (y - sides[0], y + sides[0]) if sides else (y, y)
     if sides and joined:
@@ -364,7 +364,7 @@ def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], c
 
 
 def _scale(axes: Axes, array: xr.DataArray, logarithmic: bool) -> None:
-    """Set the scale of a vertical axis: logarithmic, or linear with a range larger than rounding errors."""
+    """Set a logarithmic scale of a vertical axis, or a linear scale with a range that exceeds rounding errors."""
     low, high = axes.dataLim.y0, axes.dataLim.y1
     if array.dtype.kind == "M":
         _tick_dates(axes.yaxis)
@@ -377,7 +377,7 @@ def _scale(axes: Axes, array: xr.DataArray, logarithmic: bool) -> None:
 
 
 def shades(maps: Sequence[np.ndarray], palette: str = "") -> tuple[Normalize, Colormap, str]:
-    """Return scale, colours and pointed ends of a colour bar for the values of some maps.
+    """Return the scale, the colours and the pointed ends of a colour bar for the values of maps.
 
     If the values have both signs, or if the palette is `DIFFERENCES`, the colours diverge from zero.
     """
@@ -396,7 +396,7 @@ def shades(maps: Sequence[np.ndarray], palette: str = "") -> tuple[Normalize, Co
 def colour_bar(
     drawing: Drawing, axes: Sequence[Axes], norm: Normalize, colours: Colormap, extend: str, label: str
 ) -> None:
-    """Draw a colour bar below axes."""
+    """Draw a colour bar below the given axes."""
     letters = 70 if len(axes) > 1 else 78 // max(2, len(drawing.axes[:COLUMNS]))
     bar = drawing.colorbar(
         cm.ScalarMappable(norm, colours), ax=list(axes), label=fold(label, letters), location="bottom", extend=extend,
@@ -433,7 +433,7 @@ def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterat
 
 
 def _shape(context: Context, figure: Coloured, over: Sequence[str]) -> tuple[float, bool]:
-    """Return height over width of coloured panels, and True for equal scales along both axes."""
+    """Return the ratio of height to width of coloured panels, and True if both axes have equal scales."""
     if isinstance(figure, Rasters) and len({unit_of(context.coordinate(dim)) for dim in over}) == 1:
         up, right = (np.ptp(context.along(dim)[0]) for dim in over)
         return float(np.clip(up / max(right, 1e-9), 0.3, 1.5)), True
@@ -444,7 +444,7 @@ def _panel(
     axes: Axes, context: Context, figure: Coloured, over: Sequence[str], array: xr.DataArray, place: Point,
     values: np.ndarray, look: Sequence[Any],
 ) -> None:  # fmt: skip
-    """Draw the mirrors of a field, or cells over two dimensions with the first dimension upwards."""
+    """Draw the mirrors of a field, or cells over two dimensions, of which the first is the vertical axis."""
     if isinstance(figure, Maps):
         field_map(axes, context.result.isel(place, missing_dims="ignore"), values, *look[:2])
         axes.set(xlabel="east (m)", ylabel="north (m)")
@@ -468,7 +468,7 @@ def _title(context: Context, figure: Coloured, array: xr.DataArray, point: Point
     return f"{name}\n{context.fulls(point)}".strip()
 
 
-#: Variable, point and values of each panel; fixed positions; number of columns; sentence for the caption.
+#: Tuple of panels (variable, point and values), fixed positions, number of columns, and sentence for the caption.
 Chosen: TypeAlias = tuple[list[tuple[str, Point, np.ndarray]], dict[str, int], int, str]
 
 
@@ -481,11 +481,11 @@ def _each_variable(context: Context, figure: Coloured, over: Sequence[str]) -> C
 
 
 def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chosen:
-    """Choose panels along one or two dimensions; variables of pictures may be the rows."""
+    """Choose panels along one or two dimensions. The rows of pictures may also be variables."""
     result, array, is_map = context.result, context.result[figure.variables[0]], isinstance(figure, Maps)
     dims = [str(dim) for dim in array.dims if dim not in over and array.sizes[dim] > 1]
     across, rest = preferred(result, dims, figure.panels), dims * (is_map or len(figure.variables) == 1)
-    rest = [dim for dim in rest if dim != across]  # there is no further dimension if variables are the rows
+    rest = [dim for dim in rest if dim != across]  # `rest` is empty if the rows are variables
     down = preferred(result, rest, figure.lines)
     fixed, rows = context.fixed(array, *over, across, down), context.chosen(down, 3)
     places = context.chosen(across, (6, 4)[down is not None], None if is_map else at(array, fixed))
@@ -503,7 +503,7 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
 
 
 def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
-    """Return a result and a figure with the first value along `figure.less` minus each of the others."""
+    """Return a result and a figure with the differences of the first value along `figure.less` and each other value."""
     dim, array = figure.less, context.result[figure.variables[0]]
     first, others = array.isel({dim: 0}, drop=True), array.isel({dim: slice(1, None)})
     unit, words = (
@@ -523,7 +523,7 @@ def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
 
 
 def _values(context: Context, name: str, over: Sequence[str], *points: Point) -> np.ndarray:
-    """Return the printed values of a variable over some dimensions; two dimensions are sorted."""
+    """Return the printed values of a variable over the dimensions `over`, sorted if there are two dimensions."""
     array = context.result[name]
     values = np.asarray(printed(at(array, context.fixed(array, *over), *points).transpose(*over)), dtype=float)
     return values[np.ix_(*map(context.order, over))] if len(over) > 1 else values
@@ -543,14 +543,14 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
     Parameters
     ----------
     axes : Axes
-        Axes to draw on; their scales become equal.
+        Axes of the map, whose scales become equal.
     here : Dataset
         Result at one point, with coordinates ``x`` and ``y``. Mirrors of unknown size are drawn so that they do not
         overlap.
     values : ndarray, shape (n,)
-        Values of the heliostats; NaN is drawn in grey.
+        Values of the heliostats. Mirrors with NaN are grey.
     norm, colours
-        Colour scale.
+        Scale and colours of the values.
     """
     x, y, width, height = mirrors(here)
     placed = np.isfinite(x) & np.isfinite(y)
@@ -579,7 +579,7 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
 
 
 def edges(values: np.ndarray, logarithmic: bool = False) -> np.ndarray:
-    """Return the edges of cells with the given centres, which must be ascending."""
+    """Return the edges of cells with the given ascending centres."""
     values = np.log(values) if logarithmic else np.asarray(values, dtype=float)
     half = np.diff(values) / 2 if values.size > 1 else np.array([0.5])
     ends = np.concatenate([[values[0] - half[0]], values[:-1] + half[: values.size - 1], [values[-1] + half[-1]]])
@@ -628,7 +628,7 @@ def _plane(
     axes: Axes, context: Context, figure: Planes, place: Point, paths: Sequence[str], colour: str | None,
     pairs: Sequence[tuple[Mapping[str, Any], Point, Point]],
 ) -> dict[str, Any]:  # fmt: skip
-    """Draw the points of a panel on the receiver's aperture; return the lines by name."""
+    """Draw the points of a panel on the receiver's aperture, and return the drawn lines by name."""
     result, up, entries, tracks = context.result, figure.variables[0], dict[str, Any](), list[np.ndarray]()
     hues = context.coordinate(colour).astype(float) if colour else xr.DataArray(0.0)
     order = {} if figure.dots else {dim: context.order(dim) for dim in paths}
@@ -683,12 +683,12 @@ def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, fl
 DPI, RIM = 180, 8
 
 _RC: Any = {
-    "text.parse_math": False,  # a dollar sign in a title does not start a formula
+    "text.parse_math": False,  # dollar signs in titles are printed as text
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8,
     "axes.titlesize": 7.5,
-    "axes.titley": 1.0,  # no panel has ticks above it, so no title must move; a fixed position saves 10 % of the time
+    "axes.titley": 1.0,  # panels have no ticks at the top, so that titles need not move; saves 10 % of the time
     "axes.labelsize": 8,
     "axes.linewidth": 0.6,
     "axes.edgecolor": "#444444",
@@ -719,7 +719,7 @@ _RC: Any = {
 
 
 def pixels(figure: Drawing) -> Image.Image:
-    """Return a figure as pixels, without white margins."""
+    """Return a figure as a raster image without white margins."""
     with matplotlib.rc_context(_RC):
         figure.set_dpi(DPI)
         canvas = FigureCanvasAgg(figure)
@@ -734,18 +734,18 @@ def pixels(figure: Drawing) -> Image.Image:
 def png(picture: Image.Image) -> bytes:
     """Return an image as the bytes of a PNG file."""
     buffer = io.BytesIO()
-    # level 4 takes half the time of level 6 and adds 2 % to the size
+    # compression level 4 takes half the time of level 6, and files are 2 % larger
     picture.save(buffer, "PNG", dpi=(DPI, DPI), compress_level=4)
     return buffer.getvalue()
 
 
 def image(figure: Drawing, kind: str = "png") -> bytes:
-    """Return a figure as the bytes of an image file; equal figures give equal bytes.
+    """Return the bytes of an image file of a figure. Equal figures give equal bytes.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        Figure.
+        Figure to convert.
     kind : {"png", "svg", "pdf"}
         File format. Vector formats contain pixels only for maps with many small shapes.
     """

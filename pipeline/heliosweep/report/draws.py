@@ -1,4 +1,4 @@
-"""Figures and tables of random draws: distribution of the results, and sensitivity to each key."""
+"""Figures and tables of random draws, with the distribution of the results and their sensitivity to each key."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from heliosweep.report.figures import Curves, Figure, default_figures
 from heliosweep.report.tables import Table, columns_of, number_texts, numbers
 
 SAMPLE, PARAMETER = "sample", "parameter"
-#: Maximum number of dots in a figure, and of rows in a table.
+#: Maximum number of dots in a figure, and maximum number of rows in a table.
 MOST_DOTS, MOST_ROWS = 4000, 60
-#: Title of the figure of each kind of sensitivity, its statistics with their names, and a sentence for the table.
+#: For each kind of sensitivity, title of the figure, names of the statistics, and a sentence for the table.
 _KINDS: dict[str, tuple[str, dict[str, str], str]] = {
     "sobol": (
         "Fraction of the variance of the {} due to each key, with 95 % intervals",
@@ -42,7 +42,7 @@ _KINDS: dict[str, tuple[str, dict[str, str], str]] = {
 
 
 def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figure]:
-    """Yield figures of the first headline number: its distribution, sensitivities, and most important key."""
+    """Yield figures of the distribution, the sensitivities and the most important key of the first headline number."""
     names, sensitivity = _names(result, headlines), _sensitivity_of(result)
     if not names:
         return
@@ -74,7 +74,7 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figur
 
 
 def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]:
-    """Yield tables of the statistics of each result, the sensitivities of the first one, and the drawn keys."""
+    """Yield tables of the statistics of each result, the sensitivities of the first result, and the drawn keys."""
     names, sensitivity = _names(result, headlines), _sensitivity_of(result)
     if not names:
         return
@@ -100,7 +100,7 @@ def _sensitivity_of(result: xr.Dataset) -> str:
 
 
 def _names(result: xr.Dataset, headlines: Sequence[str]) -> list[str]:
-    """Return the names of the results with draws over the same dimensions, starting with the first headline number."""
+    """Return the names of results with equal dimensions of draws, starting with the first headline number."""
     each = {name: result.variables[name] for name in quantities(result)}
     drawn = {name: set(one.dims) for name, one in each.items() if SAMPLE in one.dims and one.dtype.kind == "f"}
     first = [*(name for name in headlines if name in drawn), *drawn][:1]
@@ -114,7 +114,7 @@ def _keys(result: xr.Dataset) -> list[xr.DataArray]:
 
 
 def _draws(result: xr.Dataset, name: str) -> xr.DataArray:
-    """Return the draws of a result that follow the distributions of the keys."""
+    """Return the draws of a result in which all keys follow their distributions."""
     array = result[name]
     rows = result.sizes.get(PARAMETER, 0) + 2
     own = np.isin(np.arange(array.sizes[SAMPLE]) % rows, (0, rows - 1))
@@ -138,7 +138,7 @@ def _leading_key(result: xr.Dataset, name: str) -> str:
 
 
 def _sensitivities(name: str, result: xr.Dataset) -> xr.Dataset:
-    """Return the sensitivities of a result along ``statistic`` and the keys, in descending importance."""
+    """Return the sensitivities of a result over ``statistic`` and the keys, in descending order of importance."""
     sensitivity = _sensitivity_of(result)
     pure, kinds = sensitivity == "sobol", _KINDS[sensitivity][1]
     along = xr.IndexVariable("statistic", list(kinds.values()))

@@ -1,7 +1,7 @@
-"""Declarations of figures with their form, variables and dimensions.
+"""Declarations of figures, which specify form, variables and dimensions.
 
-A family lists declarations in its module ``figures``. `heliosweep.report.draw` draws them as images,
-`heliosweep.report.interactive` as interactive plots. Variables that a result does not have are skipped.
+A family lists declarations in its module ``figures``. `heliosweep.report.draw` draws the figures as
+images, and `heliosweep.report.interactive` as interactive plots. Variables that a result does not have are skipped.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import xarray as xr
 from heliosweep.report.context import capital, head_of, quantities, title_of
 
 HELIOSTAT = "heliostat"
-#: Dimensions of pixels, rows first.
+#: Dimensions of pixels, with the rows first.
 PIXELS = ("z", "y")
 #: Minimum number of heliostats for a map of the field.
 FIELD = 7
-#: Dimensions whose numbers are only labels, so that no line joins their values.
+#: Dimensions with numbers that are only labels, so that lines do not join their values.
 NAMES = (HELIOSTAT, "module", "camera", "sample", "spot", "parameter", "trace", "detector", "evaluation")
 #: Maximum number of figures of a result.
 MOST_FIGURES = 12
@@ -30,7 +30,7 @@ STATISTICS = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "maximum": 1.0}
 
 @dataclass(frozen=True)
 class Figure:
-    """Declaration of a figure; base class of the forms of figures.
+    """Declaration of a figure, which is the base class of all forms of figures.
 
     Parameters
     ----------
@@ -39,25 +39,26 @@ class Figure:
     title : str
         Heading of the interactive plot and first words of the caption.
     variables : sequence of str
-        Variables in descending importance. Images show as many as fit; interactive plots offer all.
+        Variables in descending order of importance. Images show the variables that fit; interactive plots offer all
+        variables.
     over : sequence of str
-        Dimensions of the axes, in order of preference (default: chosen from the variables).
+        Dimensions of the axes in order of preference (default: chosen from the variables).
     lines, panels : sequence of str
-        Dimensions with one line or one panel for each value, in order of preference.
+        Dimensions in order of preference, of which each value has its own line or panel.
     at : mapping of str to object
-        Values of dimensions that are not shown. For a number, the nearest value is used; for a sequence of words, the
-        first existing word (default: the middle number or the first word).
+        Values of dimensions that the figure does not show (default: the middle number or the first word). A number
+        selects the nearest value, and a sequence of words selects the first existing word.
     reduce : mapping of str to str
-        Statistic over a dimension: "mean", "median", "rms", "min", "max", or "field" for minimum, 5 %, median and
-        maximum.
+        Statistic over each dimension: "mean", "median", "rms", "min", "max", or "field" for minimum, 5 % quantile,
+        median and maximum.
     notes : str
         Further sentences of the caption.
     looks : mapping of str to mapping
-        Colour and dashes of a line by its name, as matplotlib's properties.
+        Properties of each line by its name, such as colour and dashes, as in matplotlib.
     derive : callable, optional
-        Function that takes the data set and returns it with further variables.
+        Function that returns the given data set with further variables.
     interactive, image : bool
-        If True, the page has an interactive plot, or an image.
+        True if the page contains an interactive plot, and True if it contains an image.
     """
 
     name: str
@@ -89,8 +90,8 @@ class Curves(Figure):
     most : int
         Maximum number of panels.
     styled : bool
-        If True, `looks` defines all lines and markers, so that dots may be drawn over numbers; its key ``""`` applies
-        to every line.
+        If True, `looks` defines all lines and markers, so that dots may be drawn over numbers. The key ``""`` of
+        `looks` applies to every line.
     """
 
     bands: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -101,16 +102,16 @@ class Curves(Figure):
 
 @dataclass(frozen=True)
 class Coloured(Figure):
-    """Panels with a colour for each value; base class of maps, pictures and heat maps.
+    """Panels in which colours represent values, as a base class of maps, pictures and heat maps.
 
     Parameters
     ----------
     each : bool
-        If True, each variable has a panel with its own colours; otherwise, each point of the sweep has a panel.
+        If True, each variable has a panel with its own colour scale; otherwise, each point of the sweep has a panel.
     palette : str
         Name of the colour map (default: chosen from the values).
     kinds : mapping of int to (str, str)
-        Meaning and colour of each value, if values are codes for categories.
+        Meaning and colour of each value, if the values are codes for categories.
     """
 
     each: bool = False
@@ -125,7 +126,7 @@ class Maps(Coloured):
     Parameters
     ----------
     less : str
-        Dimension of words; a second figure shows the differences of its first value from the others.
+        Dimension of words. A second figure shows the differences between its first value and each other value.
     """
 
     less: str = ""
@@ -133,7 +134,7 @@ class Maps(Coloured):
 
 @dataclass(frozen=True)
 class Rasters(Coloured):
-    """Pictures over two dimensions of pixels, `over`; pictures of mirrors show the outlines of the modules."""
+    """Pictures over the two dimensions `over` of pixels. Pictures of mirrors show the outlines of the modules."""
 
     over: Sequence[str] = PIXELS
 
@@ -156,13 +157,13 @@ class Planes(Figure):
     against : mapping of str to str
         Horizontal coordinate of each variable.
     colour : str
-        Dimension whose values set the colours of the points.
+        Dimension whose values determine the colours of the points.
     dots : bool
         If True, points are not joined by lines.
     worst : str
-        Variable of the heliostats; the panels show the heliostats with the largest values first.
+        Variable with a value for each heliostat. The first panels show the heliostats with the largest values.
     extra : callable
-        Function that takes the axes, the data set and the point. It adds elements to a panel after its limits are set.
+        Function of the axes, the data set and the point, which adds elements to a panel with fixed limits.
     """
 
     against: Mapping[str, str] = field(default_factory=dict)
@@ -179,8 +180,8 @@ class Special(Figure):
     Parameters
     ----------
     draw : callable
-        Function that takes the data set and returns a matplotlib figure or None. It may also return further sentences
-        for the caption. `variables` lists all variables that it needs.
+        Function that takes the data set and returns a matplotlib figure or None. The function may also return further
+        sentences for the caption. `variables` lists all variables that the function needs.
     """
 
     draw: Callable[[xr.Dataset], Any] = lambda _: None
@@ -201,9 +202,9 @@ def default_figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable[str]) -> list[Figure]:
-    """Return figures, with a heat map first if two dimensions are swept.
+    """Return figures in an order that starts with a heat map if two dimensions are swept.
 
-    The heat map is the first declared one. If none is declared, a heat map of the headline numbers is added.
+    The heat map is the first declared heat map. If no heat map is declared, one of the headline numbers is added.
     """
     declared = list(figures)
     grids = [one for one in declared if isinstance(one, Grids) and prepared(result, one)[1]]
@@ -223,7 +224,7 @@ def _heat_map(result: xr.Dataset, names: Iterable[str]) -> Iterator[Grids]:
 
 
 def preferred(result: xr.Dataset, dims: Sequence[str], wanted: Sequence[str]) -> str | None:
-    """Return the first wanted dimension that a result has, otherwise the first one with words, otherwise the first."""
+    """Return the first wanted dimension, otherwise the first dimension with words, otherwise the first dimension."""
     dims = [dim for dim in dims if dim != HELIOSTAT or dim in wanted or result.sizes[dim] < FIELD]
     words = [dim for dim in dims if not is_ordered(result, dim)]
     return next((dim for dim in (*wanted, "statistic", *words, *dims) if dim in dims), None)
@@ -242,8 +243,8 @@ def is_joined(result: xr.Dataset, dim: str) -> bool:
 def prepared(result: xr.Dataset, figure: Figure) -> tuple[xr.Dataset, Figure | None]:
     """Return the data set and the declaration that a figure shows.
 
-    The data set has the derived variables and the statistics over some dimensions. The declaration has only the
-    variables that can be drawn. It is None if there are none.
+    The data set contains the derived variables and the statistics over dimensions. The declaration contains only the
+    variables that can be drawn, and is None if no variable can be drawn.
     """
     result = figure.derive(result) if figure.derive else result
     if figure.reduce:
@@ -300,7 +301,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#0
 DASHES = ("-", (0, (4, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)), (0, (2, 1.2)), (0, (4, 1, 1, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
-#: Names of matplotlib's colour maps for values, and for differences from zero.
+#: Names of matplotlib's colour maps for values, and for differences that diverge from zero.
 VALUES, DIFFERENCES = "viridis", "RdBu_r"
 
 #: Colour of missing values.

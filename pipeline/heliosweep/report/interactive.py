@@ -61,9 +61,9 @@ from heliosweep.report.figures import (
     prepared,
 )
 
-#: Maximum numbers of plots on a page, and of values, variables and lines in a plot.
+#: Maximum number of plots on a page, and maximum numbers of values, variables and lines in a plot.
 MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 4, 300_000, 16, 12
-#: Colour that is legible on white and on black.
+#: Grey that is legible on white and on black backgrounds.
 _GREY = "#80868c"
 _CLEAR = {"background_fill_color": None, "border_line_color": None, "title_text_color": _GREY}
 _THEME = Theme(
@@ -89,7 +89,7 @@ _FORMS = (Curves, Maps, Rasters, Planes)
 
 
 def explore(result: xr.Dataset, figures: Iterable[Figure]) -> tuple[str, list[dict[str, str]]]:
-    """Return the script of all interactive plots, and title, caption and HTML of each."""
+    """Return the script of all interactive plots, and the title, caption and HTML of each plot."""
     plots: dict[str, Any] = {}
     texts, document = list[dict[str, str]](), Document(theme=_THEME)
     for declared in figures:
@@ -103,7 +103,7 @@ def explore(result: xr.Dataset, figures: Iterable[Figure]) -> tuple[str, list[di
     if not plots:
         return "", []
     script, places = components(plots, wrap_script=False)
-    # Numbers replace random identifiers, so that equal results give equal pages.
+    # Consecutive numbers replace random identifiers, so that equal results give equal pages.
     pattern, numbers = r'(?<=")(p\d{4,}|[0-9a-f]{8}-[0-9a-f-]{27})(?=")', dict[str, str]()
     numbered = partial(re.sub, pattern, lambda found: numbers.setdefault(found[1], f"bokeh-{len(numbers)}"))
     script = numbered(script)
@@ -112,7 +112,7 @@ def explore(result: xr.Dataset, figures: Iterable[Figure]) -> tuple[str, list[di
 
 @cache
 def client() -> str:
-    """Return the scripts of Bokeh's client, with its widgets."""
+    """Return the scripts of Bokeh's client and its widgets."""
     return "\n".join(Resources(mode="inline", components=["bokeh", "bokeh-widgets"], log_level="warn").js_raw)
 
 
@@ -162,7 +162,7 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
 def _quantities(
     context: Context, figure: Figure, names: Sequence[str], keep: set[str]
 ) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
-    """Return the variables of a plot that have values, and their dimensions, both by name."""
+    """Return those variables of a plot that have values, and the dimensions of these variables, both by name."""
     across = figure.against if isinstance(figure, Planes) else {}
     quantities, dims = dict[str, dict[str, Any]](), dict[str, dict[str, Any]]()
     for name in names[:MOST_VARIABLES]:
@@ -183,9 +183,9 @@ def _quantities(
 
 
 def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return values, labels and range of a variable, and the positions kept along each dimension.
+    """Return values, labels and range of a variable, and the retained positions along each dimension.
 
-    Large arrays keep every n-th value along their longest dimensions.
+    If an array is large, every n-th value along its longest dimensions is retained.
     """
     kept = {str(dim): np.arange(size) for dim, size in array.sizes.items()}
     while math.prod(map(len, kept.values())) > MOST_NUMBERS:
@@ -251,7 +251,7 @@ def _lines(
         colour = figure.looks.get(name, {}).get("color", colour)
         source = ColumnDataSource({"x": [0.0, 1.0], "y": [0.0, 1.0], "text": ["", ""]}, name=name)
         marker: Any = Scatter(x="x", y="y", size=4 if joined else 7, line_color=colour, fill_color=colour)
-        shapes = [drawing.add_glyph(source, marker)]  # takes a third of the time of `scatter`, which adds four glyphs
+        shapes = [drawing.add_glyph(source, marker)]  # three times as fast as `scatter`, which adds four glyphs
         spots += shapes
         if joined:
             dash: Any = "solid" if ordered else ("solid", "dashed", "dotted", "dotdash", "dashdot")[number % 5]

@@ -1,6 +1,6 @@
 """Page of a result with headline numbers, main picture, tables, figures, interactive plots, inputs and provenance.
 
-The page is one file. It loads no other files and runs only its own scripts.
+The page is a single file that loads no other files and runs only its own scripts.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from heliosweep.store.read import locate
 log = logging.getLogger("heliosweep")
 
 PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
-#: Name of the list of figures drawn by a report; the next report removes only files in this list.
+#: Name of the file that lists the figures of a report. The next report removes only files in this list.
 DRAWN = ".drawn"
-#: Maximum size of a result that a report loads as a whole. [byte]
+#: Maximum size of a result that a report loads completely. [bytes]
 LOADED = 2**24
 
 
@@ -53,14 +53,14 @@ def write_report(
     Parameters
     ----------
     result : Dataset
-        Result of the folder.
+        Result in the folder.
     folder : path
-        Result folder. Its ``manifest.json`` and ``study.resolved.yaml`` (in an unpacked archive ``study.yaml``) are
-        shown if they exist.
+        Result folder. The page shows ``manifest.json`` and ``study.resolved.yaml`` of this folder if they exist. In an
+        unpacked archive, the study file is named ``study.yaml``.
     family : Family, optional
-        Family that declares headlines, figures and tables (default: they are derived from the variables).
+        Family that declares headlines, figures and tables. By default, they are derived from the variables.
     study : Study, optional
-        Study with the published numbers (default: the comparison stored in the folder is shown).
+        Study with published numbers. By default, the page shows the comparison that is stored in the folder.
     vector : sequence of {"svg", "pdf"}
         File formats of figures in addition to PNG.
     summary : bool
@@ -69,7 +69,7 @@ def write_report(
     Returns
     -------
     pathlib.Path
-        The page.
+        Path of the page.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def write_report(
     from heliosweep.report.draw import draw
     from heliosweep.report.interactive import client, explore
 
-    (result if result.nbytes < LOADED else result.coords.to_dataset()).load()  # figures read the values many times
+    (result if result.nbytes < LOADED else result.coords.to_dataset()).load()  # figures reuse the values
     place = user_path(folder)
     manifest, damage = _manifest(place)
     remarks = list[str]()
@@ -129,7 +129,7 @@ def write_report(
         "manifest": manifest,
         "command": command(manifest),
         "references": tables.references(result),
-        "rows": 12,  # maximum number of rows of the first table of a summary
+        "rows": 12,  # maximum number of rows in the first table of a summary
     }
     name = SUMMARY if summary else PAGE
     write_whole(place / name, render(name if summary else "page.html", **content))
@@ -137,7 +137,7 @@ def write_report(
 
 
 def render(template: str, **content: Any) -> str:
-    """Return a page from a template; all text is escaped."""
+    """Return a page from a template and escaped content."""
     return _environment().get_template(template).render(**content)
 
 
@@ -180,7 +180,7 @@ def _harmless(script: str) -> str:
 
 @contextmanager
 def _noted(remarks: list[str], sound: bool, what: str) -> Iterator[None]:
-    """Add a remark if a part of a page cannot be created. Raises the error if `sound` is False."""
+    """Add a remark if a part of a page cannot be created. The error is raised if `sound` is False."""
     try:
         yield
     except (HeliosweepError, OSError):
@@ -196,7 +196,7 @@ def _noted(remarks: list[str], sound: bool, what: str) -> Iterator[None]:
 def _pictures(
     folder: Path, noted: Callable[[str], Any], result: xr.Dataset, figures: Sequence[Figure], vector: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Draw and save figures, and return them for a page. Removes outdated figures of an earlier report."""
+    """Draw and save figures, return them for a page, and remove outdated figures of an earlier report."""
     from heliosweep.report.draw import drawn, image, pixels, png
 
     if folder.is_symlink():
@@ -219,7 +219,7 @@ def _pictures(
 
 
 def embedded(named: Any, picture: Any = None) -> dict[str, Any]:
-    """Return a figure in the form that the templates embed; `picture` is its image if it is already drawn."""
+    """Return a figure in the form that templates embed. `picture` is the image of an already drawn figure."""
     from PIL.Image import Dither, Quantize
 
     from heliosweep.report.draw import pixels, png
@@ -232,7 +232,7 @@ def embedded(named: Any, picture: Any = None) -> dict[str, Any]:
 
 
 def for_others(page: str, study: str) -> str:
-    """Return a page without its author's machine, command and paths, and with `study` as the text of the study file."""
+    """Return a page without the machine, command and paths of its author, and with `study` as its study file."""
     machine = r'<section id="provenance">.*?</section>\n?|<a class="ours"[^>]*>[^<]*</a>\n?'
     page = re.sub(machine, "", page, flags=re.DOTALL).replace('href="study.resolved.yaml"', 'href="study.yaml"')
     file = r'(?<=<pre id="study-file"><code>).*?(?=</code>)'
@@ -240,7 +240,7 @@ def for_others(page: str, study: str) -> str:
 
 
 def _comparison(place: Path, study: Study | None, result: xr.Dataset) -> comparison.Compared | None:
-    """Return the comparison with published numbers. With a study, compute and store it; otherwise, read it."""
+    """Compute and store the comparison of a study with published numbers, or read the stored comparison."""
     stored = place / comparison.FILE
     if study is None:
         return comparison.read_comparison(stored) if stored.is_file() else None
@@ -272,7 +272,7 @@ def _manifest(place: Path) -> tuple[dict[str, Any], list[str]]:
 
 
 def command(manifest: Mapping[str, Any]) -> str:
-    """Return the command that recomputes only this result, or an empty string if it is unknown."""
+    """Return the command that recomputes only this result, or an empty string if the command is unknown."""
     words, own = list(map(str, manifest.get("command", []))), PurePath(manifest.get("study_file", ""))
     studies = [word for word in words if word.endswith((".yaml", ".yml"))]
     others = [word for word in studies if PurePath(word) != own]  # `PurePath` removes a leading "./"

@@ -1,4 +1,4 @@
-"""Pages of several results: a comparison with curves on the same axes, and the index of a folder."""
+"""Pages that compare several results with curves on the same axes, and the index of all studies in a folder."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of
 
 log = logging.getLogger("heliosweep")
 
-#: Dimension of the results.
+#: Dimension along which the results are joined.
 RESULT = "result"
-#: Maximum number of variables and of points in the table of results, and maximum size of a variable.
+#: Maximum numbers of variables and of points in the table of results, and maximum size of a variable.
 MOST_VARIABLES, MOST_POINTS, MOST_NUMBERS = 12, 80, 2_000_000
-#: Relative rounding difference, and number of decimals in which labels must agree.
+#: Relative difference that counts as rounding, and number of decimals in which labels must agree.
 ROUNDING, LABEL_DECIMALS = 1e-12, 9
 
 
 class Compared(NamedTuple):
-    """Result to compare: its path, data set and family."""
+    """Path, data set and family of a result to compare."""
 
     path: Path
     data: xr.Dataset
@@ -54,7 +54,7 @@ def _entry(compared: Compared, file: Path) -> dict[str, str]:
 
 
 def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
-    """Write a page that compares several results; the family of the first one declares the figures."""
+    """Write a page that compares several results with the figures that the family of the first result declares."""
     from heliosweep.report.draw import draw
 
     names = [*string.ascii_uppercase, *map(str, range(27, len(compared) + 1))][: len(compared)]
@@ -82,7 +82,7 @@ def write_comparison(compared: Sequence[Compared], file: Path) -> Path:
 
 
 def _over_results(figures: Iterator[Figure], same: bool) -> Iterator[Figure]:
-    """Yield figures with a line or a map for each result, and with the differences of the maps."""
+    """Yield figures with a line or a map for each result, and figures of the differences between maps."""
     for figure in figures:
         if isinstance(figure, Curves):
             yield replace(figure, lines=(RESULT,))
@@ -91,7 +91,7 @@ def _over_results(figures: Iterator[Figure], same: bool) -> Iterator[Figure]:
 
 
 def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Return the variables that all results have, at their common points, joined along the dimension ``result``.
+    """Return the common variables of results at their common points, joined along the dimension ``result``.
 
     Parameters
     ----------
@@ -101,7 +101,8 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Data set over ``result`` and the dimensions of the results; it has no variables if none are common.
+        Data set over ``result`` and the dimensions of the results, without variables if the results have none in
+        common.
     """
     every = [
         one[[name for name, array in one.data_vars.items() if is_quantity(array) and array.size <= MOST_NUMBERS]]
@@ -119,7 +120,7 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
 
 
 def _aligned(results: Sequence[xr.Dataset]) -> list[xr.Dataset]:
-    """Return results at their common points, without the dimensions that have no common values."""
+    """Return results at their common points, without dimensions that have no common values."""
     loose = {HELIOSTAT, *(dim for one in results for dim in one.dims if dim not in one.indexes)}
     alike = list(xr.align(*results, join="inner", exclude=loose))
     sizes = {dim: {one.sizes.get(dim) for one in alike} for dim in alike[0].dims}
@@ -180,7 +181,7 @@ def _inputs(results: Mapping[str, xr.Dataset]) -> Table:
 
 
 def update_index(folder: str | os.PathLike[str]) -> Path | None:
-    """Update the index of all studies after a change of a result folder in ``outputs``.
+    """Update the index of all studies after a result folder in ``outputs`` has changed.
 
     A failure is logged as a warning.
     """
@@ -193,7 +194,7 @@ def update_index(folder: str | os.PathLike[str]) -> Path | None:
 
 
 def write_index(outputs: str | os.PathLike[str]) -> Path:
-    """Write ``index.html``, the page of all studies in a folder of result folders."""
+    """Write the page ``index.html`` of all studies in a folder of result folders."""
     file, studies = Path(outputs) / "index.html", studies_in(Path(outputs))
     script = resources.files("heliosweep.report").joinpath("templates/index.js").read_text(encoding="utf-8")
     families = sorted({one["family"] for one in studies} - {""})
@@ -202,7 +203,7 @@ def write_index(outputs: str | os.PathLike[str]) -> Path:
 
 
 def studies_in(outputs: Path) -> list[dict[str, Any]]:
-    """Return the entry of each study for the template, the latest first."""
+    """Return the entries of all studies for the template, starting with the latest study."""
     folders = (folder for folder in sorted(outputs.iterdir()) if folder.is_dir())
     found = [
         {**_study_entry(folder), "state": status.state, "detail": status.detail}

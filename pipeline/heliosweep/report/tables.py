@@ -29,15 +29,15 @@ from heliosweep.report.context import (
     value_texts,
 )
 
-#: Maximum number of rows of a table on a page, and minimum number of points of a sorted table.
+#: Maximum number of rows of a table on a page, and minimum number of points in a sorted table.
 MOST_ROWS, SORTED = 100, 6
-#: Maximum number of variables in a table of ranges, and of headline numbers.
+#: Maximum number of variables in a table of ranges, and maximum number of headline numbers.
 MOST_RANGES, MOST_HEADLINES = 12, 6
-#: Maximum size of a variable whose range is shown.
+#: Maximum number of values of a variable whose range is shown.
 MOST_NUMBERS = 2_000_000
-#: Attribute of a renamed array that holds the name of its variable.
+#: Attribute of a renamed array that contains the original name of the variable.
 SOURCE = "variable"
-#: Dimensions that are not swept. Their points are parts of one result.
+#: Dimensions that are not swept, because their points are parts of one result.
 INNER = (
     *("heliostat", "time", "date", "day", "declination", "hour", "month", "sample", "module", "parameter", "spot"),
     *("y", "z", "camera", "round", "stage", "cause"),
@@ -53,15 +53,15 @@ class Column:
     title : str
         Heading.
     values : sequence of float or str
-        Cells: unformatted numbers, or words.
+        Unformatted numbers, or words, in the cells.
     unit : str
         Unit, printed below the heading.
     digits : int
-        Significant digits of the largest number.
+        Number of significant digits of the largest number.
     errors : sequence of float
-        Standard errors, printed after the numbers.
+        Standard errors, which are printed after the numbers.
     best : {"", "largest", "smallest"}
-        Best value of the column; empty if there is none.
+        Extreme that is the best value of the column; empty if no value is the best.
     """
 
     title: str
@@ -96,9 +96,9 @@ class Table:
     columns : sequence of Column
         Columns of equal length.
     notes : sequence of str
-        Sentences below the table.
+        Sentences that are printed below the table.
     keys : int
-        Number of leading columns that name the point of a sweep; 0 if rows are not points.
+        Number of leading columns that identify the point of a sweep; 0 if the rows are not points.
     classes : sequence of str
         CSS class of each row.
     """
@@ -115,7 +115,7 @@ class Table:
         return len(self.columns[0].values)
 
     def frame(self) -> pd.DataFrame:
-        """Return the table with unrounded numbers. Headings contain the units; errors have their own columns."""
+        """Return the table with unrounded numbers, units in the headings, and standard errors in separate columns."""
         cells: dict[str, Any] = {}
         for column in self.columns:
             unit = f" ({column.unit})" if column.unit else ""
@@ -125,7 +125,7 @@ class Table:
         return pd.DataFrame(cells)
 
     def sorted(self) -> Table:
-        """Return a table of many points in sorted order, with the best points or the worst heliostats first."""
+        """Return the table with the rows sorted, so that the best points or the worst heliostats are first."""
         leading = next((one for one in self.columns[self.keys :] if one.best and not one.is_words), None)
         if not self.keys or self.size < SORTED or leading is None:
             return self
@@ -144,7 +144,7 @@ class Table:
     def printed(self) -> dict[str, Any]:
         """Return header, units, rows and notes for the templates.
 
-        If the table has few points, each point is a column. If it has many points, they are sorted.
+        If the table has few points, each point is a column. If the table has many points, the points are sorted.
         """
         table = self.sorted()
         texts, keys, notes = [column.texts() for column in table.columns], table.keys, list(table.notes)
@@ -166,14 +166,14 @@ class Table:
 
 
 def columns_of(heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[Column]:
-    """Return the columns of the rows of a table; columns that are empty in all rows are omitted."""
+    """Return the columns of a table given by rows, without columns that are empty in all rows."""
     columns = [Column(head, [row[i] for row in rows]) for i, head in enumerate(heads)]
     return [one for one in columns if any(one.values) or not rows]
 
 
 @dataclass(frozen=True)
 class Headline:
-    """Headline number: its text, unit, title, and a note about the range and the point."""
+    """Text, unit and title of a headline number, and a note about its range and its point."""
 
     value: str
     unit: str
@@ -186,7 +186,7 @@ class Headline:
 
 
 def headlines(result: xr.Dataset, names: Collection[str]) -> list[Headline]:
-    """Return the headline numbers of a result: its variables `names`, otherwise those with the fewest dimensions."""
+    """Return the variables `names` as headline numbers, or the variables with the fewest dimensions by default."""
     known = [result[name] for name in names if name in result.data_vars]
     numbers = sorted(filter(is_quantity, result.data_vars.values()), key=lambda array: array.ndim)
     return [one for array in known or numbers[:1] if (one := _headline(result, array))][:MOST_HEADLINES]
@@ -205,7 +205,7 @@ def _headline(result: xr.Dataset, array: xr.DataArray) -> Headline | None:
     ends = [("minimum", low, np.nanargmin), ("maximum", high, np.nanargmax)]
     (worst, other, at_worst), (best, text, at_best) = ends[:: -1 if array.attrs.get(BEST_VALUE) == SMALLEST else 1]
     if set(array.dims) & set(INNER) or not array.attrs.get(BEST_VALUE):
-        where = _place(result, array, int(at_worst(values)))  # among parts of one result, the worst needs attention
+        where = _place(result, array, int(at_worst(values)))  # of the parts of one result, the worst is shown
         return Headline(f"{low} to {high}", unit, title, f"{worst} at {where}" if where else "")
     where, count = _place(result, array, int(at_best(values))), int(np.isfinite(values).sum())
     note = f"{best} of {count:,} points, at {where}; {worst} {other}{NO_BREAK_SPACE}{unit}".rstrip()
@@ -219,7 +219,7 @@ def _place(result: xr.Dataset, array: xr.DataArray, place: int) -> str:
 
 
 def without(made: Sequence[Table], headlines: Sequence[Headline]) -> list[Table]:
-    """Return the tables of a single point without its headline numbers."""
+    """Return tables, in which a single point has no columns that repeat headline numbers."""
     shown, kept = {(one.value, one.unit) for one in headlines}, list[Table]()
     for table in made:
         singles = [one.texts() if one.is_words else number_texts(np.array(one.values), 4) for one in table.columns]
@@ -230,7 +230,7 @@ def without(made: Sequence[Table], headlines: Sequence[Headline]) -> list[Table]
 
 
 def summary(result: xr.Dataset, names: Collection[str]) -> Iterator[str]:
-    """Yield title, dimensions and headline numbers of a result, one line each."""
+    """Yield lines with the title, the dimensions and the headline numbers of a result."""
     yield str(result.attrs.get("title", ""))
     sizes = ", ".join(f"{name} {size:,}" for name, size in result.sizes.items())
     count = f"{len(result.data_vars):,} variable{'s' * (len(result.data_vars) != 1)}"
@@ -246,7 +246,7 @@ def numbers(
     notes: Sequence[str] = (),
     digits: int = 3,
 ) -> Table:
-    """Tabulate arrays over swept dimensions, a row for each point.
+    """Return a table of arrays over swept dimensions with one row for each point.
 
     Parameters
     ----------
@@ -255,12 +255,12 @@ def numbers(
     dims : sequence of str
         Dimensions of all arrays.
     arrays : sequence of DataArray
-        Arrays with one column each; their names are the headings. The attribute ``variable`` holds the original name of
-        a renamed variable.
+        Arrays, each of which is a column with the name of the array as its heading. The attribute ``variable`` contains
+        the original name of a renamed variable.
     label, notes
         As in `Table`.
     digits : int
-        Significant digits.
+        Number of significant digits.
     """
     context, indices = Context(result), list(np.ndindex(*(result.sizes[dim] for dim in dims)))
     keys = [
@@ -285,7 +285,7 @@ def _column(result: xr.Dataset, array: xr.DataArray, dims: Sequence[str], digits
 
 
 def default_tables(result: xr.Dataset, names: Collection[str] = ()) -> list[Table]:
-    """Return tables for any result: numbers over the common dimensions, and ranges of the other variables."""
+    """Return tables for any result, with numbers over the common dimensions, and ranges of the other variables."""
     every = list(result.data_vars.values())
     common = set.intersection(*(set(array.dims) for array in every)) if every else set()
     arrays = [array for array in every if set(array.dims) == common and array.dtype.kind in "fiu"]
@@ -297,13 +297,13 @@ def default_tables(result: xr.Dataset, names: Collection[str] = ()) -> list[Tabl
 
 
 def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
-    """Tabulate minimum, median and maximum of each variable, beginning with `names`."""
+    """Return a table of the minimum, median and maximum of each variable, beginning with the variables `names`."""
     known = quantities(result)
     order = dict.fromkeys([*(name for name in names if name in known), *known])
     arrays = [result[name] for name in order if result[name].size <= MOST_NUMBERS]
     rows = []
     for array in arrays[:MOST_RANGES]:
-        values = np.asarray(printed(array.copy(deep=False)), dtype=float)  # a copy: the result must not cache them
+        values = np.asarray(printed(array.copy(deep=False)), dtype=float)  # the copy keeps the values out of the cache
         values = values[np.isfinite(values)]
         if values.size:
             ends = number_texts(np.array([values.min(), np.median(values), values.max()]))
@@ -314,10 +314,10 @@ def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
 
 
 def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
-    """Format the numbers of a column with the same number of decimals.
+    """Format the numbers of a column with equal numbers of decimals.
 
-    There are no decimals if all numbers are whole or large. If all numbers are below 0.001, each is formatted with its
-    own number of decimals.
+    If all numbers are whole or large, they have no decimals. If all numbers are below 0.001, each number has its own
+    number of decimals.
     """
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if finite.size else 0.0

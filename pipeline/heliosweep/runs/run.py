@@ -1,6 +1,6 @@
-"""Run a study: plan, compute the missing chunks, and write the result and its manifest.
+"""Functions that plan a study, compute its missing chunks, and write the result and its manifest.
 
-The same loop is used for threads, processes and dask clusters.
+Threads, processes and dask clusters use the same loop over the chunks.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _GUARD = 'a script that runs a study with processes must do this below `if __nam
 
 
 class Workers(ExitStack):
-    """Workers of a study. They are started when the first chunk is computed.
+    """Workers of a study, which are started when the first chunk is computed.
 
     Parameters
     ----------
@@ -77,9 +77,9 @@ class Workers(ExitStack):
         self._submit: Callable[[Work, Piece], Future[Values]] | None = None
 
     def compute(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
-        """Yield each chunk when it is complete, with its values or with the error of its second attempt.
+        """Yield each chunk when it is complete, with its values or with the error of the second attempt.
 
-        The second attempt uses new workers.
+        The second attempt to compute a chunk uses new workers.
         """
         remaining = list(chunks)
         for attempt in range(TRIES):
@@ -98,7 +98,7 @@ class Workers(ExitStack):
             self._submit = None
 
     def _once(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
-        """Keep a few chunks submitted, and yield each chunk with its values or its error."""
+        """Submit a few chunks at a time, and yield each chunk with its values or its error."""
         waiting = iter(chunks)
         pending: dict[Future[Values], Piece] = {}
         while True:
@@ -106,7 +106,7 @@ class Workers(ExitStack):
                 submit = self._submit = self._submit or self._started()
                 try:
                     pending[submit(work, chunk)] = chunk
-                except Exception as refusal:  # raised by a broken pool
+                except Exception as refusal:  # a pool of processes raises this exception if it is broken
                     yield chunk, refusal
             if not pending:
                 return
@@ -156,7 +156,7 @@ def _begin_worker() -> None:
 
 @contextmanager
 def connected(execution: Execution, workers: int) -> Iterator[Client]:
-    """Connect to a scheduler at its address, or start a cluster. Raises StudyError or HeliosweepError."""
+    """Connect to the scheduler at the given address, or start a cluster. Raises StudyError or HeliosweepError."""
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
@@ -215,25 +215,25 @@ def _check_workers(client: Client, name: str) -> None:
 
 
 def explain_failure(error: Exception) -> str:
-    """Return the reason for a failed chunk, with a hint if a worker process ended."""
+    """Return the reason why a chunk failed, with a hint if a worker process has ended."""
     if type(error).__name__ in ("BrokenProcessPool", "KilledWorker"):
         return f"a worker process ended before its work was complete; {_GUARD}, and each worker needs enough memory"
     return reason_of(error)
 
 
-#: Time between two progress updates, on a terminal and on other streams. [s]
+#: Time between two progress updates on a terminal, and on other streams. [s]
 TERMINAL_SECONDS, LINE_SECONDS = 0.5, 10.0
 
 
 def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
-    """Plan a study.
+    """Return the plan of a study.
 
     Parameters
     ----------
     study : Study
-        The study.
+        Study to plan.
     folder : pathlib.Path
-        Result folder. The free disk space is read from its file system.
+        Result folder, whose file system determines the free disk space.
     connect : bool
         If True and the study gives the address of a scheduler, connect to it to read the number of its workers.
 
@@ -249,7 +249,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
         If a scheduler does not respond, or if the chunk settings name an unknown dimension.
     """
     execution, family = study.execution, family_of(study)
-    if isinstance(family, Searched):  # a generation must fit in memory
+    if isinstance(family, Searched):  # a generation of a search must fit in memory
         return family.plan(study, plan_study(family.first(study), folder, connect=connect))
     workers, remote = execution.workers, "://" in execution.scheduler
     try:
@@ -267,7 +267,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
             execution.chunks,
             where="elsewhere" if remote or execution.cluster else local,
         )
-    except StudyError as error:  # its problems have no position in the study file
+    except StudyError as error:  # the problems of this error have no position in the study file
         raise StudyError(
             problem if problem.file or study.source.data.get("execution") is None
             else study.problem(problem.key, problem.message)
@@ -276,7 +276,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
 
 
 def timed_plan(study: Study, folder: Path) -> Plan:
-    """Plan a study. Its run time is extrapolated from a small region if this takes only a few seconds."""
+    """Plan a study, and extrapolate its run time from a small region if this takes only a few seconds."""
     plan, family = plan_study(study, folder), family_of(study)
     tried = plan
     if isinstance(family, Searched):
@@ -287,7 +287,7 @@ def timed_plan(study: Study, folder: Path) -> Plan:
 
 
 def plan_text(study: Study, plan: Plan, folder: Path) -> str:
-    """Return the plan of a study as a string with one quantity per line; `folder` is the result folder."""
+    """Return the plan of a study with the result folder `folder` as a string with one quantity per line."""
     words, status = plan.in_words(), status_of(folder)
     done = {"complete": "; all are complete", "not run": ""}.get(status.state, f"; {status.detail}")
     rows = {"study": f"{study.title or study.family} ({study.family}, {study.study_id})", **words}
@@ -333,7 +333,7 @@ class Run:
     family : Family
         Family of the study.
     study : Study
-        The study.
+        Study to run.
     folder : pathlib.Path
         Result folder.
     """
@@ -351,7 +351,7 @@ class Run:
 
     @cached_property
     def coordinates(self) -> xr.Dataset:
-        """Coordinates of the whole result."""
+        """Coordinates of the complete result."""
         return self.family.coordinates(self.study)
 
     @cached_property
@@ -365,14 +365,14 @@ class Run:
 
     @cached_property
     def store(self) -> ChunkStore:
-        """Store for the chunks that this version of the code computes for this study."""
+        """Store of the chunks that this version of the code computes for the study."""
         key = json.dumps([self.identity["code"], self.identity["output"]], sort_keys=True)
         digest = hashlib.sha256(key.encode()).hexdigest()[:12]
         return ChunkStore(self.folder / f"{CHUNKS}{self.study_id}-{digest}")
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Measure the elapsed time of a stage."""
+        """Measure the elapsed time of a stage of the run."""
         start, self.stage = time.perf_counter(), stage
         yield
         self.seconds[stage] = time.perf_counter() - start
@@ -381,8 +381,8 @@ class Run:
     def complete(self, *, replace: bool = False) -> Path | None:
         """Return the path of the result if it is undamaged and agrees with the study, the code and the output options.
 
-        Otherwise the result is None, and the reason is logged if `replace` is True. Raises StudyError if the result
-        belongs to another study.
+        Otherwise, return None, and log the reason if `replace` is True. Raises StudyError if the result belongs to
+        another study.
         """
         path, recorded = finished(self.folder)
         if path is None:
@@ -411,7 +411,7 @@ class Run:
             return found
         if force:
             self.store.remove()
-        _ = self.plan  # reject a study that does not fit before the kernels are compiled
+        _ = self.plan  # rejects a study that is too large before the kernels are compiled
         from heliosweep.store import writer
 
         blocks = self.compute(progress)
@@ -453,7 +453,7 @@ class Run:
                 if isinstance(outcome, Exception):
                     log.debug("chunk %s failed", chunk.name, exc_info=outcome)
                     failed[chunk.name] = f"{place_of(chunk, self.coordinates)}: {explain_failure(outcome)}"
-                    if len(failed) >= 3 and not stored:  # probably no chunk can be computed
+                    if len(failed) >= 3 and not stored:  # presumably, no chunk can be computed
                         break
                     continue
                 self.store.save(chunk.name, outcome)
@@ -476,7 +476,7 @@ class Run:
             yield chunk, values
 
     def left(self) -> str:
-        """Return a message that explains how to resume."""
+        """Return a message that explains how to resume the run."""
         again = "run the same command again to resume"
         if self.stage == "report":
             return f"the result is complete, but its report is not; {again}"
@@ -511,7 +511,7 @@ class Run:
 
 
 def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
-    """Return a string with the first and last coordinate of a chunk along each dimension."""
+    """Return a string with the first and last coordinates of a chunk along each dimension."""
     words = []
     for dim, span in chunk.region.items():
         first, last = span.start, span.stop - 1
@@ -522,7 +522,7 @@ def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
 
 
 def prepare_kernels(family: Family, study: Study) -> None:
-    """Load the kernels of a study. If they must be compiled, which is slow, this is reported once per process."""
+    """Load the kernels of a study. If the kernels must be compiled first, log a message once per process."""
     from heliosweep.kernels import compiled
 
     with compiled.on_compilation(_report_compilation):

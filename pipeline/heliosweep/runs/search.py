@@ -1,7 +1,7 @@
-"""Run a search: each generation of the optimiser is computed as a small grid, and each evaluation is stored.
+"""Runs of searches, which compute each generation of the optimiser as a small grid and store each evaluation.
 
-A resumed run repeats the search from its start and reads the stored evaluations. Its steps and its result are therefore
-identical to an uninterrupted run.
+A resumed run repeats the search from its start and reads the stored evaluations. The steps and the result are
+therefore identical to those in an uninterrupted run.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class SearchRun(Run):
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """Inputs that determine the bytes of the result file, including the optimiser."""
+        """Inputs, including the optimiser, that determine the bytes of the result file."""
         from heliosweep.search import optimise
 
         found = super().identity
@@ -49,7 +49,7 @@ class SearchRun(Run):
         return {**found, "code": {**code, "pymoo": version_of("pymoo") or "missing"}}
 
     def compute(self, progress: bool) -> Iterator[tuple[Piece, Mapping[Any, Any]]]:
-        """Run the search, and return an iterator over the single block of the result."""
+        """Run the search, and return an iterator over the result, which is a single block."""
         self.store.create(self.plan.cuts, identity=self.identity, study_id=self.study_id)
         with self.timed("prepare"):
             prepare_kernels(self.family, self.study)
@@ -106,9 +106,9 @@ class SearchRun(Run):
         return arrays
 
     def _stored(self, number: int, point: np.ndarray, names: list[str]) -> np.ndarray | None:
-        """Return the results of a stored evaluation, or None if there is none.
+        """Return the results of a stored evaluation, or None if the evaluation is not stored.
 
-        Raises HeliosweepError if the stored evaluation is for another point.
+        Raises HeliosweepError if the stored evaluation belongs to another point.
         """
         stored = self.store.load(piece_name("points", number))
         if stored is None:
@@ -122,7 +122,7 @@ class SearchRun(Run):
         return values[len(point) :]
 
     def _evaluated(self, points: np.ndarray, results: list[str], workers: Workers, first: int) -> list[np.ndarray]:
-        """Return the results at the given points, in the same order. Results of infeasible points are NaN."""
+        """Return the results at the given points in the order of the points. Results of infeasible points are NaN."""
         study, family = self.study, self.family
         plants = [family.point(study, map(float, point)) for point in points]
         built = [i for i, plant in enumerate(plants) if family.wrong(study, plant) is None]
@@ -162,7 +162,7 @@ class SearchRun(Run):
         return labels
 
     def _record(self, path: Path) -> None:
-        """Write the best point as a separate study file, and write the manifest and the resolved study."""
+        """Write the study of the best point, the manifest and the resolved study."""
         from heliosweep.search.result import best_of, goals_of, keys_of, point_text
 
         with open_result(path) as data:

@@ -1,1 +1,1 @@
-"""Searches: optimisers that evaluate many points together, and their results."""
+"""Optimisers that evaluate many points of a study together, and the results of searches."""

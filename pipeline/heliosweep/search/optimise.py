@@ -22,12 +22,12 @@ from heliosweep.lazy import scipy
 
 #: Finite replacement for infinity.
 HUGE = 1e100
-#: Number of generations without a new best point, or without a new point on the front, after which an optimiser ends.
+#: Number of generations without a new best point or a new point on the front, after which an optimiser ends.
 PATIENCE = 10
 
 
 class BudgetSpent(Exception):
-    """The evaluation budget of a search is spent."""
+    """Exception for a search that has spent its budget of evaluations."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Space:
 
     @property
     def decimals(self) -> list[int]:
-        """Number of decimals that resolve 1e-6 of the range of each key."""
+        """Number of decimals of each key that resolve 1e-6 of its range."""
         span = (self.high - self.low) * 1e-6
         return [0 if whole else -int(np.floor(np.log10(step))) for step, whole in zip(span, self.whole, strict=True)]
 
@@ -66,8 +66,8 @@ class Space:
         return (points - self.low) / (self.high - self.low)
 
 
-#: Function of points, shape (n, keys), that returns objectives to minimise, shape (n, objectives), and the amounts by
-#: which bounds are violated, shape (n,). Both are infinite for a point without a value.
+#: Function of points that returns the objectives to minimise, shape (n, objectives), and the violations of the bounds.
+#: The points have the shape (n, keys). Objectives and violations are infinite for a point without a value.
 Evaluate = Callable[[Floats], tuple[Floats, Floats]]
 
 
@@ -75,8 +75,8 @@ Evaluate = Callable[[Floats], tuple[Floats, Floats]]
 class Course:
     """All evaluations of a search. No point is evaluated twice, and at most `budget` points are evaluated.
 
-    `points`, `goals` and `missed` grow with each generation. `generations` contains the generation of each point,
-    counted from 0.
+    Each generation adds to the attributes `points`, `goals` and `missed`. The attribute `generations` contains the
+    number of the generation of each point, counted from 0.
     """
 
     evaluate: Evaluate
@@ -89,7 +89,7 @@ class Course:
     _known: dict[bytes, int] = field(default_factory=dict)
 
     def ask(self, shares: Floats) -> list[int]:
-        """Evaluate points given by fractions of the ranges; return their indices in the course.
+        """Evaluate points given by fractions of the ranges, and return the indices of their evaluations.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class Course:
         return [self._known[name] for name in names]
 
     def order(self, number: int) -> tuple[float, float]:
-        """Return the sort key of an evaluation for a single objective: violated bounds first, then the objective."""
+        """Return violation and objective of an evaluation, by which evaluations for one objective are sorted."""
         return self.missed[number], float(self.goals[number][0])
 
     def best(self, since: int = 0) -> int:
@@ -123,7 +123,7 @@ class Course:
 
 
 def front(goals: Floats, missed: Floats) -> NDArray[np.bool_]:
-    """Return a mask of the Pareto front among the evaluations that satisfy all bounds."""
+    """Return a mask that selects the Pareto front of the evaluations that satisfy all bounds."""
     fits = np.flatnonzero((missed == 0.0) & np.isfinite(goals).all(axis=1))
     order = fits[np.lexsort((goals[fits, -1], goals[fits, 0]))]
     least = np.minimum.accumulate(goals[order, -1])
@@ -140,22 +140,22 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
     evaluate : callable
         Function that evaluates many points together, see `Evaluate`.
     space : Space
-        Bounds.
+        Bounds of the searched keys.
     goals : int
         Number of objectives, 1 or 2.
     budget : int
         Maximum number of evaluations.
     seed : int
-        Seed; equal seeds give equal courses.
+        Seed of the random numbers. Equal seeds give equal courses.
     size : int
-        Number of points of a generation.
+        Number of points in a generation.
     start : ndarray, shape (keys,)
-        The first point.
+        First point to evaluate.
 
     Returns
     -------
     Course
-        All evaluations.
+        All evaluations of the search.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
         while True:
             before = len(course.points)
             _advance(pso.PSO(pop_size=size, sampling=first), course, 1, seed, before + (budget - before) // 2)
-            if len(course.points) == before:  # all choices are already evaluated
+            if len(course.points) == before:  # all possible points are already evaluated
                 break
             _refine(course, before)
             first, seed = points.random(size), seed + 1
@@ -183,7 +183,7 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
 
 
 def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) -> None:
-    """Evaluate generations of an optimiser until it converges, or until `until` evaluations are complete."""
+    """Evaluate generations until the optimiser converges, or until `until` evaluations are complete."""
     from pymoo.core.problem import Problem
     from pymoo.core.termination import NoTermination
 
@@ -204,7 +204,7 @@ def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) 
 
 
 def _refine(course: Course, since: int) -> None:
-    """Refine the best point found since evaluation `since`. Keys with integer values do not change."""
+    """Refine the best point since the evaluation `since`, without changes of keys with integer values."""
     space = course.space
     best = space.shares(course.points[course.best(since)])
     free = np.flatnonzero(~space.whole)
@@ -222,6 +222,6 @@ def _refine(course: Course, since: int) -> None:
         method="COBYQA",
         bounds=[(0.0, 1.0)] * free.size,
         constraints=[kept] if max(course.missed) > 0.0 else [],
-        # steps relative to the range
+        # trust region radii relative to the ranges of the keys
         options={"initial_tr_radius": 0.05, "final_tr_radius": 1e-7, "maxfev": 60 * free.size},
     )

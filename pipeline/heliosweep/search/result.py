@@ -1,4 +1,4 @@
-"""Result of a search: all evaluations with their results, the best evaluations, figures and tables."""
+"""Result of a search, with all evaluations, the best evaluations, figures and tables."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from heliosweep.report.figures import COLOURS, Curves, Figure
 from heliosweep.report.tables import SOURCE, Table, numbers
 from heliosweep.search.optimise import front
 
-#: Maximum difference at which a value counts as equal to the best value [percentage points, or % of the value], and
-#: number of best evaluations on the page.
+#: Maximum difference of a value that counts as equal to the best value [percentage points, or % of the value].
+#: Number of best evaluations on the page.
 FLAT, LISTED = 0.1, 10
 
 #: Styles of lines and markers for each kind of evaluation in figures.
@@ -49,7 +49,7 @@ _OWN = {
 
 
 def missed_by(values: Mapping[str, np.ndarray], limits: Mapping[str, Any]) -> np.ndarray:
-    """Return the sum of the relative violations of the bounds. It is infinite for an evaluation without a value."""
+    """Return the sum of the relative violations of the bounds; infinite for an evaluation without a value."""
     total = np.zeros(len(next(iter(values.values()))))
     for name, limit in limits.items():
         for bound, sign in ((limit.at_least, 1.0), (limit.at_most, -1.0)):
@@ -68,7 +68,7 @@ def described(
     """Return the variables of the result of a search, and their values.
 
     `values` and `variables` contain the results by name. `goals` contains the minimised objectives, shape (evaluations,
-    objectives). `goals` and `missed` come from the course.
+    objectives). `missed` contains the violations of the bounds. `goals` and `missed` are attributes of the course.
     """
     arrays = {name: np.asarray(values[name], float) for name in variables}
     own = (generations, missed == 0.0, front(goals, missed))
@@ -77,7 +77,7 @@ def described(
 
 
 def goals_of(result: xr.Dataset) -> dict[str, bool]:
-    """Return the objectives of a search by name in the result, with True if the best value is the minimum."""
+    """Return the names of the objectives in a result, each with True if the best value is the minimum."""
     said = json.loads(result.attrs["study"])["search"]
     names = [(name, way == "minimise") for way in ("maximise", "minimise") for name in said.get(way, ())]
     return {name if name in result else f"field_{name}": least for name, least in names}
@@ -89,9 +89,9 @@ def keys_of(result: xr.Dataset) -> dict[str, str]:
 
 
 def best_of(result: xr.Dataset) -> int | None:
-    """Return the index of the best evaluation, or None.
+    """Return the index of the best evaluation, or None if no evaluation satisfies all bounds.
 
-    For a front, it is the evaluation closest to the best values of both objectives.
+    For a front, the best evaluation is the one closest to the best values of both objectives.
     """
     places = np.flatnonzero(result["best"].to_numpy())
     if not places.size:
@@ -135,7 +135,7 @@ def answers(result: xr.Dataset) -> Iterator[str]:
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield remarks if no evaluation satisfies all bounds, a best value is on a bound, or values are missing."""
+    """Yield remarks if no evaluation satisfies all bounds, the best point is on a bound, or values are missing."""
     best, count = best_of(result), result.sizes[EVALUATION]
     lost = int(np.isnan(np.stack([result[name].to_numpy() for name in goals_of(result)])).any(axis=0).sum())
     if lost:
@@ -152,7 +152,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Yield the best evaluations, or the front, with the values of the searched keys."""
+    """Yield a table of the best evaluations, or of the front, with the values of the searched keys."""
     goals, keys = goals_of(result), list(keys_of(result).values())
     ((first, least), *others) = goals.items()
     kept = np.flatnonzero(result["best" if others else "feasible"].to_numpy() == 1)
@@ -168,7 +168,7 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield the objectives over the numeric searched keys, and the course of a search or its front."""
+    """Yield figures of the objectives over the numeric searched keys, and of the course or the front of a search."""
     goals, best = list(goals_of(result)), best_of(result)
     star = f"Star: best{f' at {point_text(result, best)}' if best is not None else ''}."
     shared: Any = {"lines": ["evaluations"], "looks": _LOOKS, "styled": True, "interactive": False, "notes": star}
@@ -195,7 +195,7 @@ def _marked(axis: str, result: xr.Dataset) -> xr.Dataset:
     parts = {kind: values.where(mask.reset_coords(drop=True)) for kind, mask in kinds.items()}
     if axis == EVALUATION:
         fold: Any = np.fmin if goals_of(result)[goals[0]] else np.fmax
-        # missing before the first evaluation that satisfies all bounds
+        # the best value is missing before the first evaluation that satisfies all bounds
         kept = np.where(feasible, result[goals[0]], np.nan)
         parts["best so far"] = values.copy(data={goals[0]: fold.accumulate(kept)})
     marked = xr.concat(list(parts.values()), xr.IndexVariable("evaluations", list(parts)))

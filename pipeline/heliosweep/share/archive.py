@@ -1,4 +1,4 @@
-"""Archives of result folders for publication; the bytes of an archive depend only on its content."""
+"""Archives of result folders for publication, whose bytes depend only on their content."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.store.folder import MANIFEST, RESULT, STUDIES, manifest_text, target_file
 from heliosweep.store.read import open_result, verify
 
-#: Default creators of a study, and licence of a draft without a licence.
+#: Default creators of a study, and licence identifier of a draft without a licence.
 DEFAULT_CREATOR, DRAFT = "The authors of this data set", "LicenseRef-Draft"
-#: Folder of the archive with the input files of the study.
+#: Folder in the archive that contains the input files of the study.
 FOLDER = "inputs"
 
 
@@ -48,18 +48,18 @@ def pack_result(
     folder : path
         Complete and undamaged result folder.
     output : path, optional
-        The archive, ``NAME.zip`` (default: name and location of the folder).
+        Path ``NAME.zip`` of the archive (default: name and location of the result folder).
     license : str, optional
-        Licence of the data: an SPDX identifier or ``LicenseRef-NAME`` (default: licence of the study).
+        Licence of the data as an SPDX identifier or ``LicenseRef-NAME`` (default: licence of the study).
     draft : bool
-        If True, creators and licence may be missing, for an archive that is not published yet.
+        If True, creators and licence may be missing, because the archive is not published yet.
     force : bool
         If True, replace an existing archive.
 
     Returns
     -------
     pathlib.Path
-        The archive, whose bytes depend only on the result folder.
+        Path of the archive, whose bytes depend only on the result folder.
 
     Raises
     ------
@@ -100,17 +100,17 @@ def pack_result(
         digests = {name: _add(zipped, f"{top}/{name}", content) for name, content in contents.items()}
         if digests[RESULT] != manifest["result"]["sha256"]:
             raise HeliosweepError(f"{place / RESULT}: was changed while it was being packed")
-        # in the format of sha256sum -c
+        # lines in the format of sha256sum -c
         sums = "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items()))
         _add(zipped, f"{top}/SHA256SUMS", sums)
     return target
 
 
 def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
-    """Add a text, or copy a file in pieces; return its SHA-256."""
+    """Add a text or a file to an archive, and return the SHA-256 of the content. Files are copied in pieces."""
     text = content.encode() if isinstance(content, str) else b""
-    info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the earliest date in the format
-    info.create_system, info.external_attr = 3, 0o100644 << 16  # equal on all systems
+    info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the earliest date in ZIP archives
+    info.create_system, info.external_attr = 3, 0o100644 << 16  # attributes that are equal on all systems
     info.compress_type = zipfile.ZIP_DEFLATED
     info.file_size = content.stat().st_size if isinstance(content, Path) else len(text)
     digest = hashlib.sha256()
@@ -125,7 +125,7 @@ def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
 
 
 def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
-    """Check a result folder, and return the values for the text templates. Raises HeliosweepError, StudyError."""
+    """Check a result folder, and return the values for text templates. Raises HeliosweepError or StudyError."""
     found = verify(place)
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")
@@ -134,7 +134,7 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
     places, manifest = placed(study), json.loads((place / MANIFEST).read_text(encoding="utf-8"))
     if study.study_id != manifest["study_id"]:
         raise HeliosweepError(f"{place}: an input of the study was changed after the run")
-    # omits user and machine
+    # these entries do not identify the user and the machine
     shared = ("commit", "lock", "packages", "python")
     environment = {key: value for key, value in manifest.get("environment", {}).items() if key in shared}
     if str(environment.get("commit", "")).endswith("-dirty"):
@@ -156,7 +156,7 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
         "attributes": attributes,
         "inputs": dict(sorted((places[name], key) for key, names in study.files().items() for name in names)),
         "licence": data_licence,
-        # custom licences are not in the SPDX list
+        # the SPDX list does not contain custom licences
         "licence_url": None if data_licence.startswith(OWN) else f"https://spdx.org/licenses/{data_licence}.html",
         "title": str(attributes["title"]),
         "summary": str(attributes["summary"]),
@@ -171,7 +171,7 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
         "is_draft": data_licence == DRAFT,
         "creators": creators,
         "people": "; ".join(creator.name for creator in creators) or DEFAULT_CREATOR,
-        "doi": dataset.doi if dataset else None,  # without the address of the resolver
+        "doi": dataset.doi if dataset else None,  # identifier without the address of the resolver
         "version": dataset.version if dataset else None,
         "references": list(filter(None, str(attributes.get("references", "")).split("; "))),
     }
@@ -183,7 +183,7 @@ def _text(template: str, words: Mapping[str, Any]) -> str:
     cell = partial(re.sub, r"([|\\])", r"\\\1")
     # times are decoded when the result is opened
     units: Any = lambda one: "date" if " since " in (unit := str(one.attrs.get("units", ""))) else unit  # noqa: E731
-    # escapes markup, formulas and HTML
+    # escapes Markdown, formulas and HTML
     escaped: Any = lambda text: re.sub(r"([\\`*\[\]<>|$~#&])", r"\\\1", printable(" ".join(str(text).split())))  # noqa: E731
     texts.filters |= {"cell": lambda text: cell(" ".join(text.split())), "prose": escaped, "units": units}
     texts.filters["printable"] = printable
@@ -245,12 +245,12 @@ def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
 
 
 def placed(study: Study) -> dict[str, str]:
-    """Return the path of each input file in the archive. File names are not changed, because they label results.
+    """Return the path of each input file in the archive, with its file name unchanged because it labels results.
 
     Raises
     ------
     HeliosweepError
-        If a file is missing, or its name is invalid on some systems.
+        If an input file is missing, or if its name is invalid on some operating systems.
     """
     places, taken = dict[str, str](), dict[str, str]()
     for key, names in study.files().items():

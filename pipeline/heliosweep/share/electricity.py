@@ -1,4 +1,4 @@
-"""Electricity of a tower plant from an efficiency table, computed by SAM's model of a molten-salt tower."""
+"""Electricity of a tower plant, computed from an efficiency table by SAM's model of a molten-salt power tower."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from heliosweep.lazy import pvlib
 from heliosweep.share.fields import chosen, dimension_of, layout_of
 from heliosweep.share.sam import efficiency_table, flux_maps, table_rows
 
-#: Module of SAM, its package, and the extra of this package.
+#: Python module of SAM, package that contains the module, and extra that installs the package.
 EXTRA = ("PySAM.TcsmoltenSalt", "nrel-pysam", "sam")
-#: Time series of a year: output of SAM, unit and long name.
+#: Output of SAM, unit and long name for each time series of a year.
 _SERIES = {
     "electric_power": ("P_out_net", "MW", "net electric power"),
     "absorbed_power": ("q_dot_rec_inc", "MW", "power that the receiver absorbs"),
@@ -29,7 +29,7 @@ _SERIES = {
     "stored_heat": ("e_ch_tes", "MWh", "heat in the storage"),
     "dni": ("beam", "W/m2", "direct normal irradiance"),
 }
-#: SAM inputs for keys of a study, with conversion factors. An acre is 4046.8564 m2, and 80 % of the costs are taxed.
+#: SAM inputs and conversion factors for keys of a study. An acre is 4046.8564 m2, and 80 % of the costs are taxed.
 _KEYS = {
     "receiver.height": ("h_tower", 1.0), "receiver.height_extent": ("rec_height", 1.0),
     "receiver.radius": ("D_rec", 2.0), "receiver.absorptance": ("rec_absorptance", 1.0),
@@ -63,18 +63,18 @@ def tower_electricity(
         Efficiency over ``sun_elevation`` and ``sun_azimuth``, without thermal losses. Use `efficiency_table` with the
         absorptance of the receiver as its `factor`. [1]
     flux : xarray.DataArray
-        Shares of the light on the receiver's columns, from `flux_maps`. [1]
+        Fraction of the light on each column of the receiver, from `flux_maps`. [1]
     weather : path or mapping
-        Weather of a year: a file that SAM can read (TMY3, EPW or SAM CSV), or SAM's ``solar_resource_data``.
+        Weather of a year as a file that SAM can read (TMY3, EPW or SAM CSV), or as SAM's ``solar_resource_data``.
     positions : array of shape (heliostats, 2)
-        Positions east and north of the tower. [m]
+        Coordinates of the heliostats east and north of the tower. [m]
     mirror_area : float
-        Area of all mirrors. [m2]
+        Total area of all mirrors. [m2]
     inputs : mapping of str to value, optional
         Inputs of ``PySAM.TcsmoltenSalt`` that differ from the default ``MSPTSingleOwner``, such as ``{"tshours": 6}``.
     heat : float, optional
-        Heat of the receiver at the design point, which sets the turbine power ``P_ref = heat * design_eff / solarm``
-        (default: 115 MW). [MW]
+        Thermal power of the receiver at the design point. It determines the turbine power
+        ``P_ref = heat * design_eff / solarm`` (default: 115 MW). [MW]
     fixed_charge_rate : float
         Fraction of the installed cost that is paid each year. [1]
     operation : float
@@ -119,7 +119,7 @@ def tower_electricity(
         "flux_maps": table_rows(flux), "helio_positions": place.tolist(), "N_hel": len(place),
         "dens_mirror": 1.0, "helio_height": model.value("helio_height"), **(inputs or {}),
     }  # fmt: skip
-    # SAM computes the area of all mirrors from their number, sides and `dens_mirror`.
+    # SAM computes the total mirror area from the number and sides of the mirrors and `dens_mirror`.
     given.setdefault("helio_width", mirror_area / len(place) / given["helio_height"] / given["dens_mirror"])
     if heat is not None:
         share, multiple = (given.get(key, model.value(key)) for key in ("design_eff", "solarm"))
@@ -130,11 +130,11 @@ def tower_electricity(
             model.value(name, value)
         name = ""
         model.execute(0)
-    except Exception as error:  # PySAM raises plain exceptions
+    except Exception as error:  # PySAM raises exceptions of the base class
         raise HeliosweepError(f"SAM: {name and f'{name}: '}{' '.join(str(error).split())}") from error
     out = model.Outputs
     energy = out.annual_energy / 1e3
-    cost = np.nan  # if the plant consumes more than it generates
+    cost = np.nan  # the plant consumes more electricity than it generates
     if energy > 0:
         cost = levelized_cost(
             out.total_installed_cost, energy, fixed_charge_rate=fixed_charge_rate, operation=operation
@@ -183,13 +183,13 @@ def electricity_of(
 ) -> xr.Dataset:  # fmt: skip
     """Compute the electricity of the plant of a result.
 
-    `field` is a function that computes the result of the plant's field over sun directions.
+    The function `field` computes the result of the plant's field over sun directions.
 
     Raises
     ------
     StudyError
         If SAM cannot model the plant, or if `select` has no value for a swept parameter. The error is also raised if
-        the result has no heat at the design point, or if the weather does not cover a year.
+        the result has no receiver heat at the design point, or if the weather does not cover a year.
     HeliosweepError
         As in `tower_electricity`.
     """
@@ -226,8 +226,8 @@ def electricity_of(
 def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], pd.DatetimeIndex]:
     """Return the weather of a study as SAM's ``solar_resource_data``, and the local times of its rows.
 
-    Rows begin on 1 January and omit 29 February. Unknown temperatures become 20 C and unknown wind speeds 0 m/s. Raises
-    StudyError.
+    The rows begin on 1 January and omit 29 February. Missing temperatures are replaced by 20 C, and missing wind speeds
+    by 0 m/s. Raises StudyError if the weather does not cover a year.
     """
     (file,) = weather_of(study)
     latitude, longitude, altitude = (values[f"site.{key}"] for key in ("latitude", "longitude", "altitude"))

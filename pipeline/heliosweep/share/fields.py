@@ -1,4 +1,4 @@
-"""Read and write layout files, and select one point of a result by keys of the study and labels."""
+"""Functions that read and write layout files, and select a point of a result by labels."""
 
 from __future__ import annotations
 
@@ -35,25 +35,25 @@ T = TypeVar("T", xr.DataArray, xr.Dataset)
 
 
 def chosen(data: T, select: Mapping[str, Any] | None, keep: Sequence[str] = (), *, left: int = 0, hint: str = "") -> T:
-    """Select labels along dimensions.
+    """Select labels along the dimensions of a result.
 
     Parameters
     ----------
     data : DataArray or Dataset
-        Result.
+        Result, or a variable of a result.
     select : mapping of str to value, optional
-        Labels by dimension or dotted key of the study.
+        Labels by the name of the dimension or the dotted key of the study.
     keep : sequence of str
-        Dimensions that do not need a label.
+        Dimensions for which no label is needed.
     left : int
-        Maximum number of other dimensions that may remain.
+        Maximum number of other dimensions without a label.
     hint : str
-        Text for the message about a missing label, with ``{}`` for a dimension.
+        Text for the message about a missing label, with ``{}`` for the name of the dimension.
 
     Returns
     -------
     DataArray or Dataset
-        Selected data. Dimensions of size 1 are dropped unless they are in `keep`.
+        Data at the selected labels, without dimensions of size 1 unless they are in `keep`.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def dimension_of(data: xr.DataArray | xr.Dataset, key: str) -> str:
 
 
 def labels_of(coordinate: xr.DataArray) -> list[Any]:
-    """Return the labels of a dimension for messages, with dates as short as possible."""
+    """Return the labels of a dimension for messages, with dates in their shortest form."""
     values = coordinate.to_numpy()
     return list(np.datetime_as_string(values, unit="auto") if values.dtype.kind == "M" else values.tolist())
 
@@ -120,7 +120,7 @@ _RESIDUALS = (
     *("uncalibrated_beam_residual_rms", "beam_residual_rms"),
     *("uncalibrated_held_out_residual_rms", "held_out_residual_rms"),
 )
-#: Comment lines before a table of corrections.
+#: Comment lines at the beginning of a table of corrections.
 _CORRECTIONS = (
     "Errors of mounts. Subtract azimuth_reference and elevation_reference from commanded angles or steps, or add them",
     "to the readings of the encoders. The other errors have different effects at each angle: a controller needs a "
@@ -136,12 +136,12 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Parameters
     ----------
     path : path
-        The file.
+        Layout file to read.
 
     Returns
     -------
     Layout
-        Positions [m] and further columns.
+        Positions of the heliostats [m] and further columns of the file.
 
     Raises
     ------
@@ -158,14 +158,14 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 
 
 def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Write spots as a table for ``calibration.spots``.
+    """Write spots as a table for the key ``calibration.spots``.
 
-    The notes are written as comments before the table.
+    The notes of the spots are written as comments before the table.
 
     Parameters
     ----------
     spots : PaintSpots
-        The spots.
+        Spots to write.
     path : path
         File to write, which appears under its name only when it is complete.
     force : bool
@@ -194,8 +194,8 @@ def write_corrections(
 ) -> Path:
     """Write the estimated errors of a calibration as a table of corrections with one row for each heliostat.
 
-    Angles are in degrees and, for layouts with the columns ``azimuth_steps`` and ``elevation_steps``, also in steps of
-    the actuators. The first lines explain the signs.
+    Angles are in degrees. If the layout has the columns ``azimuth_steps`` and ``elevation_steps``, the angles are also
+    in steps of the actuators. The first lines of the file explain the signs.
 
     Parameters
     ----------
@@ -255,9 +255,10 @@ def write_paint_study(spots: PaintSpots, path: str | os.PathLike[str], *, force:
     Parameters
     ----------
     spots : PaintSpots
-        Spots and field, relative to the same target.
+        Spots and positions of the heliostats, relative to the same target.
     path : path
-        Study file, such as ``juelich.yaml``; ``juelich_layout.csv`` and ``juelich_spots.csv`` are written next to it.
+        Study file, such as ``juelich.yaml``. The files ``juelich_layout.csv`` and ``juelich_spots.csv`` are written to
+        the same folder.
     force : bool
         If True, replace existing files.
 
@@ -293,19 +294,19 @@ def write_paint_study(spots: PaintSpots, path: str | os.PathLike[str], *, force:
 def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None) -> Layout:
     """Return the layout of a study or a result.
 
-    Mirror sizes that are fixed in the study are added as columns.
+    Mirror sizes that are fixed in the study are added to the layout as columns.
 
     Parameters
     ----------
     study : Study or xarray.Dataset
-        A study with one layout, or a result. For a result with `keep`, the layout contains the kept heliostats.
+        Study with one layout, or result. For a result with `keep`, the layout contains the kept heliostats.
     select : mapping of str to value, optional
         Value of each dimension that affects the layout of a result.
 
     Raises
     ------
     StudyError
-        If there is no layout, or if there are several.
+        If the study or result has no layout, or if it has several layouts.
 
     Examples
     --------
@@ -331,9 +332,9 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
 
 
 def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the changes that reduce a study with `keep` or chosen aims to the heliostats in use.
+    """Return the changes of a study with `keep` or chosen aim points that remove all unused heliostats.
 
-    Raises StudyError if the result has several such fields and `select` does not select one.
+    Raises StudyError if the result has several fields, and `select` does not select one field.
     """
     along, select = result["kept" if "kept" in result else "x"], select or {}
     layout = layout_of(result, {key: select[key] for key in select if dimension_of(along, key) in along.dims})
@@ -379,12 +380,13 @@ def write_layout(
     Parameters
     ----------
     layout : Layout or pandas.DataFrame
-        The heliostats. A DataFrame needs the columns ``x`` and ``y`` [m]; ``z`` and other layout columns are optional.
+        Heliostats to write. A DataFrame must have the columns ``x`` and ``y`` [m]. ``z`` and other layout columns are
+        optional.
     path : path
         File to write, which appears under its name only when it is complete.
     form : {"csv", "solarpilot"}
-        A table with a header and all columns, or a user-defined layout of SolarPILOT. The latter contains only
-        positions, templates, focal lengths, canting and aim points.
+        Format of the file. ``csv`` is a table with a header and all columns. ``solarpilot`` is a user-defined layout of
+        SolarPILOT, which contains only positions, templates, focal lengths, canting and aim points.
     force : bool
         If True, replace an existing file.
 
@@ -396,7 +398,7 @@ def write_layout(
     Raises
     ------
     StudyError
-        If the file exists, or the table is not a layout.
+        If the file exists, or if the DataFrame is not a layout.
     HeliosweepError
         If the file cannot be written.
 

@@ -27,15 +27,15 @@ def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *
     result : xarray.Dataset
         Result of `open_result` or `build`, or a part of it.
     variables : str or sequence of str, optional
-        Variables with equal dimensions (default: all variables, if their dimensions are equal).
+        Variables with equal dimensions (default: all variables, which must then have equal dimensions).
     units : bool
-        If True, titles of columns include units, such as ``x [m]``. Units are always in ``attrs["units"]`` of the
-        table.
+        If True, titles of columns include units, such as ``x [m]``. The attribute ``attrs["units"]`` of the table
+        always contains the units.
 
     Returns
     -------
     pandas.DataFrame
-        Table whose columns are the dimensions, other coordinates along them, and the variables.
+        Table whose columns are the dimensions, other coordinates along these dimensions, and the variables.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def write_csv(
     *,
     force: bool = False,
 ) -> Path:
-    """Write variables of a result as CSV, in bounded memory.
+    """Write variables of a result to a CSV file, with limited use of memory.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def write_csv(
     Raises
     ------
     StudyError
-        If the file exists, or for the reasons listed in `to_frame`.
+        If the file exists, or as in `to_frame`.
     HeliosweepError
         If the file cannot be written.
 
@@ -106,7 +106,7 @@ def write_csv(
 
 
 def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
-    """Group variables by their dimensions. Each group becomes a table."""
+    """Return the names of the variables in groups with equal dimensions, each of which becomes a table."""
     found: dict[tuple[str, ...], list[str]] = {}
     for name, variable in result.data_vars.items():
         found.setdefault(tuple(map(str, variable.dims)), []).append(str(name))
@@ -116,7 +116,7 @@ def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
 def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dataset:
     """Return variables with equal dimensions, and the coordinates along these dimensions."""
     names = names_of(result, variables)
-    # pandas omits a second index of a dimension, such as names of heliostats
+    # pandas omits the second index along a dimension, such as the names of heliostats
     result = result.drop_indexes([name for name in result.xindexes if name not in result.dims])
     if len({frozenset(result[name].dims) for name in names}) > 1:
         told = "; ".join(f"over {', '.join(dims) or 'nothing'}: {', '.join(of)}" for dims, of in groups(result).items())
@@ -149,7 +149,7 @@ def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[
 
 
 def _frame(part: xr.Dataset) -> pd.DataFrame:
-    """Return the table of a part: dimensions first, then other coordinates, then variables."""
+    """Return a table of a data set, with columns for dimensions, other coordinates and variables in this order."""
     part, dims = part.compute(), next(iter(part.data_vars.values())).dims
     if not dims:
         return part.expand_dims("point").to_dataframe().reset_index(drop=True)
@@ -157,7 +157,7 @@ def _frame(part: xr.Dataset) -> pd.DataFrame:
 
 
 def _pieces(part: xr.Dataset, dims: Sequence[Hashable]) -> Iterator[xr.Dataset]:
-    """Yield pieces of consecutive rows that fit in memory, halving the first dimension that has several values."""
+    """Yield parts with consecutive rows that fit in memory. The first dimension with several values is halved."""
     dim = next((dim for dim in dims if part.sizes[dim] > 1), None)
     if dim is None or math.prod(part.sizes[dim] for dim in dims) <= 2**17:
         yield part
@@ -172,7 +172,7 @@ def _named(chosen: xr.Dataset) -> dict[str, str]:
     return {name: f"{name} [{unit}]" if unit != "1" else name for name, unit in units.items()}
 
 
-#: Maximum number of rows of a sheet, without its header.
+#: Maximum number of rows in an Excel sheet without its header.
 MOST_ROWS = 2**20 - 1
 
 
@@ -186,19 +186,19 @@ def write_xlsx(
 ) -> Path:
     """Write variables of a result as an Excel workbook.
 
-    Each set of dimensions has its own sheet. The first sheet lists all variables with their units and sheets, and the
-    fixed values.
+    Variables with equal dimensions share a sheet. The first sheet lists all variables with their units and sheets, and
+    the fixed values.
 
     Parameters
     ----------
     result : xarray.Dataset
         Result of `open_result` or `build`, or a part of it.
     path : path
-        File to write, ``.xlsx``, which appears under its name only when it is complete.
+        File ``.xlsx`` to write, which appears under its name only when it is complete.
     variables : str or sequence of str, optional
         Names of variables (default: all variables that fit in a sheet of 1,048,576 rows).
     tables : mapping of str to pandas.DataFrame, optional
-        Further sheets, before the variables.
+        Tables for further sheets before the sheets of the variables.
     force : bool
         If True, replace an existing file.
 
@@ -249,11 +249,11 @@ def write_xlsx(
         for name, frame in sheets.items():
             printed = frame.map(lambda cell: printable(cell) if isinstance(cell, str) else cell)
             printed.to_excel(book, sheet_name=name, index=False, freeze_panes=(1, 0))
-            for column in book.sheets[name].columns:  # as wide as the first cells, but at most 80 characters
+            for column in book.sheets[name].columns:  # width of the first cells, at most 80 characters
                 width = max(len(str(cell.value)) for cell in column[:100])
                 book.sheets[name].column_dimensions[column[0].column_letter].width = min(width, 80) + 2
                 for cell in column:
-                    # text that begins with an equals sign is not a formula
+                    # text that begins with an equals sign must not become a formula
                     cell.data_type = cell.data_type.replace("f", "s")
     return file
 
@@ -264,7 +264,7 @@ def _line(result: xr.Dataset, name: Any, **more: Any) -> dict[str, Any]:
 
 
 def _sheet_name(title: str, taken: Iterable[str]) -> str:
-    """Return an unused name for a sheet. Names that differ only by case count as equal."""
+    """Return an unused name for a sheet. Names that differ only in case count as equal."""
     name = re.sub(r"[\[\]:*?/\\]", " ", title).strip(" '")[:31] or "table"
     number, others = 1, {one.lower() for one in taken}
     while name.lower() in others:

@@ -1,4 +1,4 @@
-"""Help for writing a study: explanations of keys, a commented example, and shipped studies."""
+"""Help for writing a study, with explanations of keys, commented examples, and shipped studies."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ def explain(words: Iterable[str]) -> str:
     ----------
     words : sequence of str
         A family, a dotted key such as ``receiver.height``, or a variable such as ``field_receiver_energy``. A family
-        may precede a key or a variable. For a family alone, its keys are listed.
+        may precede a key or a variable. If only a family is given, all keys of the family are listed.
 
     Returns
     -------
     str
-        Meaning, forms, unit, range, default and an example; for a block, also its keys.
+        Meaning, forms, unit, range, default and an example of a key. The text for a block also lists its keys.
 
     Raises
     ------
     StudyError
-        If the family, key or variable does not exist. The message lists keys and variables that have similar names, or
-        whose descriptions contain the word.
+        If the family, key or variable does not exist. The message lists keys and variables with similar names, or with
+        descriptions that contain the word.
     """
     given = list(words)
     chosen = [given.pop(0)] if {*given[:1]} & {*families()} else list(families())
@@ -73,7 +73,7 @@ def explain(words: Iterable[str]) -> str:
 
 
 def new_study(family: str, target: str | os.PathLike[str] | None = None, *, force: bool = False) -> Path:
-    """Write a commented example study of a family (default: ``FAMILY.yaml``); return its path.
+    """Write a commented example study of a family (default: ``FAMILY.yaml``), and return the path of the file.
 
     Raises
     ------
@@ -90,8 +90,8 @@ def new_study(family: str, target: str | os.PathLike[str] | None = None, *, forc
 
 
 def shipped() -> dict[str, Path]:
-    """Return the shipped study files by name; empty if they are not installed."""
-    # in the installed package, or in the working copy
+    """Return the shipped study files by name, or an empty mapping if they are not installed."""
+    # folder in the installed package, and folder in the working copy
     folders = (Path(__file__).parents[1] / "studies", Path(__file__).parents[3] / "studies")
     folder = next(filter(Path.is_dir, folders), folders[0])
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
@@ -112,7 +112,7 @@ def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force
     Raises
     ------
     StudyError
-        If a study does not exist, or if an existing file would be replaced. In both cases, no files are copied.
+        If a study does not exist, or if an existing file would be replaced. In both cases, no file is copied.
     """
     known, place = shipped(), user_path(folder)
     wanted: dict[Path, Path] = {}
@@ -123,7 +123,7 @@ def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force
             raise StudyError(Problem(f"heliosweep has no shipped study with this name; {hint}", name))
         home = known[name].parent
         for file in sources_of(load(known[name], study_classes())):
-            if file.is_relative_to(home):  # other files belong to a package
+            if file.is_relative_to(home):  # all other files belong to a package
                 wanted[file] = place / file.relative_to(home)
     for file, target in wanted.items():
         if target.exists() and (file.suffix == ".yaml" or target.read_bytes() != file.read_bytes()):
@@ -146,7 +146,7 @@ def _read() -> list[tuple[str, Source]]:
 
 @cache
 def _variables(family: str) -> dict[str, Mapping[str, Any]]:
-    """Return the attributes of the variables in results of shipped studies, by name."""
+    """Return the attributes of the variables in results of shipped studies by the name of the variable."""
     studies = (
         load(shipped()[name], study_classes()) for name, source in _read() if source.data.get("family") == family
     )
@@ -154,7 +154,7 @@ def _variables(family: str) -> dict[str, Mapping[str, Any]]:
 
 
 def _plain(key: Key) -> str:
-    """Return the name of a key without ``[]``, which marks lists and is optional."""
+    """Return the name of a key without the optional mark ``[]`` of lists."""
     return key.name.replace("[]", "")
 
 
@@ -165,7 +165,7 @@ def _lines(keys: Iterable[Key], indent: str = "") -> list[str]:
 
 
 def _folded(indent: str, *texts: str) -> list[str]:
-    """Return indented lines that fit in the terminal; each text starts on a new line."""
+    """Return indented lines that fit in the terminal, in which each text starts on a new line."""
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
     further: Any = {"subsequent_indent": f"{indent}    ", "break_long_words": False, "break_on_hyphens": False}
     return [line for text in texts for line in textwrap.wrap(text, width, initial_indent=indent, **further)]

@@ -3,13 +3,13 @@
 The conventions follow the source code of NREL's ssc and SolarPILOT:
 
 - SAM's molten-salt power tower reads user-defined performance (``eta_map``) as rows of azimuth, zenith angle [deg] and
-  efficiency. It interpolates at the azimuth of its weather reader, clockwise from north, 0 to 360
-  (`C_pt_sf_perf_interp::call`), without periodicity. If 0 or 360 exists, both are therefore written. Rows with the sun
-  below the horizon are omitted, because SAM stops the field at night. Each row has a flux map (``flux_maps``) with the
-  shares of the light on the receiver's columns. For a cylinder, columns run from south over east, north and west; SAM
-  sums over the height.
-- SAM's generic solar field reads a matrix. The first column contains ascending zenith angles, the first row ascending
-  azimuths, and the first cell is empty. Azimuth 0 is south, east is negative, and west is positive
+  efficiency. SAM interpolates at the azimuth of its weather reader, clockwise from north, 0 to 360 deg
+  (`C_pt_sf_perf_interp::call`), without periodicity. If the azimuth 0 or 360 deg exists, both are therefore written.
+  Rows with the sun below the horizon are omitted, because SAM stops the field at night. Each row has a flux map
+  (``flux_maps``) with the fraction of the light on each column of the receiver. The columns of a cylinder run from south
+  over east, north and west. SAM sums the flux over the height.
+- SAM's generic solar field reads a matrix. The first column contains ascending zenith angles, the first row contains
+  ascending azimuths, and the first cell is empty. Azimuth 0 is south, east is negative, and west is positive
   (`C_csp_gen_collector_receiver`).
 - SolarPILOT's Python interface writes a zero and the elevations in the first row. The first column contains azimuths,
   clockwise from north (`save_optical_efficiency_table`).
@@ -17,9 +17,9 @@ The conventions follow the source code of NREL's ssc and SolarPILOT:
 The first two formats were tested with PySAM 7.1. For user-defined performance, SAM's power tower multiplies the
 efficiency only by the direct irradiance, the mirror area and the hourly availability. The mirror area follows from the
 number, width and height of the mirrors and ``dens_mirror``. The table must therefore include reflectivity, soiling,
-attenuation, intercept and the absorptance of the receiver. A study with `optics` includes all these factors except the
-absorptance. Without `optics`, the table contains only cosine, shading and blocking. The argument `factor` adds missing
-factors. SAM's generic solar field multiplies by its own optical factors.
+attenuation, intercept and the absorptance of the receiver. A study with `optics` includes all of these factors except
+the absorptance. Without `optics`, the table contains only cosine, shading and blocking. The argument `factor` is the
+product of the missing factors. SAM's generic solar field multiplies by its own optical factors.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from heliosweep.files import write_rows
 from heliosweep.share.fields import chosen, dimension_of
 from heliosweep.store.folder import target_file
 
-#: ``tower``: rows for SAM's molten-salt power tower. ``generic``: matrix for SAM's generic solar field. ``solarpilot``:
-#: matrix in the format of SolarPILOT's Python interface.
+#: Rows for SAM's molten-salt power tower (``tower``), or a matrix for SAM's generic solar field (``generic``) or for
+#: SolarPILOT's Python interface (``solarpilot``).
 TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
 
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
 #: Keys that are removed for directions of the sun, and their dimensions.
 _GONE = ("site.", "sites", "time.", "weather.", "limits.", "availability.", "economics.", "budget.")
-_SAME = 1e-9  # maximum difference of equal angles [deg]
+_SAME = 1e-9  # maximum difference between equal angles [deg]
 #: Variables for a table in order of preference, and their factors.
 _FACTORS = {
     "field_total_efficiency": "cosine, shading, blocking, reflection, attenuation and intercept",
@@ -60,15 +60,15 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     Parameters
     ----------
     study : Study
-        A field study, on any clock.
+        Field study with any clock.
     azimuth, elevation : number, sequence or mapping, optional
-        Azimuth (clockwise from north) and elevation of the sun, in the form of a study file (default: every 15 and 5
-        deg). [deg]
+        Azimuth (clockwise from north) and elevation of the sun in the form of a study file (default: steps of 15 deg in
+        azimuth and 5 deg in elevation). [deg]
 
     Returns
     -------
     Study
-        Study with ``time: {clock: sun, ...}`` and without a site. File names are relative to the working directory.
+        Study with ``time: {clock: sun, ...}`` and without a site. Its file names are relative to the working directory.
 
     Raises
     ------
@@ -117,14 +117,14 @@ def efficiency_table(
     select : mapping of str to value, optional
         Value of each dimension of the result that is not a sun direction.
     variable : str, optional
-        A variable of the whole field (default: total efficiency with `optics`, otherwise optical efficiency).
+        Variable of the whole field (default: total efficiency with `optics`, otherwise optical efficiency).
     factor : float
-        Product of factors that the result omits, such as the absorptance of the receiver, 0 to 1.
+        Product of efficiency factors that the result omits, such as the absorptance of the receiver, 0 to 1. [1]
 
     Returns
     -------
     xarray.DataArray
-        Efficiency over ``sun_elevation`` and ``sun_azimuth``, in memory. Values are missing if the sun is down.
+        Efficiency over ``sun_elevation`` and ``sun_azimuth``, in memory; NaN if the sun is below the horizon. [1]
 
     Raises
     ------
@@ -141,7 +141,7 @@ def efficiency_table(
 
 
 def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr.DataArray:
-    """Return the share of the light on each column of the receiver, for each sun direction.
+    """Return the fraction of the light on each column of the receiver for each sun direction.
 
     Parameters
     ----------
@@ -153,15 +153,14 @@ def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr
     Returns
     -------
     xarray.DataArray
-        Shares over ``sun_elevation``, ``sun_azimuth`` and the columns; their sum is 1. Columns of a cylinder run from
-        south over east, north and west; columns of a rectangle from left to right as seen from the mirrors. Values
-        are missing if the sun is down.
+        Fractions over ``sun_elevation``, ``sun_azimuth`` and the columns. The sum over the columns is 1. Columns of a
+        cylinder run from south over east, north and west. Columns of a rectangle run from left to right as seen from
+        the mirrors. Fractions are NaN if the sun is below the horizon. [1]
 
     Raises
     ------
     StudyError
-        For the reasons listed in `efficiency_table`, if no light reaches the receiver, or if a cylinder has an odd
-        number of columns.
+        As in `efficiency_table`, if no light reaches the receiver, or if a cylinder has an odd number of columns.
     """
     if "flux_map" not in result.data_vars:
         raise StudyError(Problem("the result has no flux map: add 'output: {flux_map: ...}' to the study"))
@@ -180,7 +179,7 @@ def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr
 def _over_directions(
     result: xr.Dataset, variable: str, select: Mapping[str, Any] | None, inner: tuple[str, ...] = ()
 ) -> xr.DataArray:
-    """Return a variable over elevation, azimuth and `inner` dimensions, in memory. Raises StudyError."""
+    """Return a variable over elevation, azimuth and the dimensions `inner`, in memory. Raises StudyError."""
     if variable not in result.data_vars:
         raise StudyError(Problem(f"the result has no variable {variable!r}", "variable"))
     table = result[variable]
@@ -211,13 +210,13 @@ def write_table(
     Parameters
     ----------
     table : xarray.DataArray
-        Table from `efficiency_table` or `flux_maps`. Flux maps need the format ``tower``. Their rows are in the same
-        order, without angles.
+        Table from `efficiency_table` or `flux_maps`. Flux maps need the format ``tower``. Their rows contain no
+        angles and are in the order of the efficiency table.
     path : path
         CSV file to write, which appears under its name only when it is complete.
     form : {"tower", "generic", "solarpilot"}
-        Format for SAM's molten-salt power tower, for SAM's generic solar field, or for SolarPILOT. If the sun is down,
-        ``tower`` has no rows, and the other formats contain zeros.
+        Format for SAM's molten-salt power tower, for SAM's generic solar field, or for SolarPILOT. If the sun is below
+        the horizon, the format ``tower`` has no rows, and the other formats contain zeros.
     force : bool
         If True, replace an existing file.
 
@@ -229,7 +228,7 @@ def write_table(
     Raises
     ------
     StudyError
-        If the file exists, or if two azimuths are the same direction in this format.
+        If the file exists, or if two azimuths are equal directions in the format.
     HeliosweepError
         If the file cannot be written.
 
@@ -250,7 +249,7 @@ def write_table(
 
 
 def table_rows(table: xr.DataArray, form: TableForm = "tower") -> list[list[object]]:
-    """Return the rows of an efficiency table or flux maps in a format of `write_table`."""
+    """Return the rows of an efficiency table or of flux maps in one of the formats of `write_table`."""
     azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
     values = table.to_numpy()[:, order]
     if form != "solarpilot" or azimuth.size < table.sizes[_AZIMUTH]:
@@ -272,10 +271,11 @@ def _rows(form: str, azimuth: NDArray, elevation: NDArray, values: NDArray) -> I
 
 
 def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
-    """Return ascending azimuths in the format, and their order in the table.
+    """Return the ascending azimuths of a format, and their order in the efficiency table.
 
-    Azimuths from north are 0 to 360, and azimuths from south -180 to 180. Both ends are the same direction, and both
-    may exist. If a circle is closed elsewhere, such as -180 to 180 from north, one end is omitted.
+    Azimuths from north are 0 to 360 deg, and azimuths from south -180 to 180 deg. Both ends of a range are the same
+    direction, and both may exist. If a circle is closed elsewhere, such as -180 to 180 deg from north, one end is
+    omitted.
     """
     low = -180.0 if south else 0.0
     shifted = np.asarray(north, dtype=float) - (180.0 if south else 0.0)
@@ -294,7 +294,7 @@ def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
 
 
 def _closed(azimuth: NDArray, values: NDArray, low: float) -> tuple[NDArray, NDArray]:
-    """Add the other end of the circle if one end exists, because SAM does not interpolate periodically."""
+    """Add values at the missing end of the full circle if one end exists. SAM does not interpolate periodically."""
     if azimuth[0] == low and azimuth[-1] != low + 360.0:
         return np.append(azimuth, low + 360.0), np.hstack([values, values[:, :1]])
     if azimuth[-1] == low + 360.0 and azimuth[0] != low:

@@ -1,4 +1,4 @@
-"""Weather files downloaded through pvlib, with source, licence and query in the header of the file."""
+"""Weather files downloaded through pvlib, with source, licence and query in their headers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from heliosweep.files import write_whole
 from heliosweep.lazy import pvlib
 from heliosweep.store.folder import target_file
 
-#: Source and licence of each service of weather data.
+#: Source and licence of the data of each weather service.
 SERVICES = {
     "pvgis": {"source": "PVGIS, European Commission, Joint Research Centre, https://re.jrc.ec.europa.eu",
               "licence": "CC BY 4.0, European Union"},
@@ -33,15 +33,15 @@ def download_weather(
     Parameters
     ----------
     service : {'pvgis', 'nsrdb'}
-        Service. The NSRDB needs a key in the environment variables ``NSRDB_API_KEY`` and ``NSRDB_EMAIL``.
+        Weather service. The NSRDB needs a key in the environment variables ``NSRDB_API_KEY`` and ``NSRDB_EMAIL``.
     latitude, longitude : float
-        Location, positive north and east. [deg]
+        Coordinates of the location, positive north and east. [deg]
     target : path
-        The file, ``.csv``.
+        File ``.csv`` to write.
     year : int, optional
         Calendar year (default: a typical year).
     url : str, optional
-        Address of the service (default: from pvlib).
+        Address of the service (default: the address in pvlib).
     force : bool
         If True, replace an existing file.
 
@@ -69,12 +69,12 @@ def download_weather(
         raise StudyError(Problem(message, service))
     try:
         data, place, query = _downloaded(service, latitude, longitude, year, url, personal)
-    except (OSError, ValueError, KeyError) as error:  # errors of requests, of JSON and of its contents
+    except (OSError, ValueError, KeyError) as error:  # errors in the request, in the JSON text, or in its contents
         text = str(error)
         for secret in filter(None, personal.values()):
             text = text.replace(secret, "...")
         raise HeliosweepError(f"{service}: no weather of {latitude:g}, {longitude:g} deg: {text}") from None
-    data = data.rename(columns={"poa_direct": "dni"})  # PVGIS's column for a tracked plane
+    data = data.rename(columns={"poa_direct": "dni"})  # column of PVGIS for a tracked plane
     if "dni" not in data or data["dni"].isna().any():
         raise HeliosweepError(f"{service}: the response has no direct normal irradiance, or values are missing")
     header = {
@@ -91,14 +91,14 @@ def download_weather(
 def _downloaded(
     service: str, latitude: float, longitude: float, year: int | None, url: str | None, personal: Mapping[str, Any]
 ) -> tuple[Any, ...]:
-    """Return data, information about the location, and the query."""
+    """Return the downloaded data, information about the location, and the query."""
     given = {**personal, **({} if url is None else {"url": url})}
     if service == "nsrdb":
         name = "get_nsrdb_psm4_tmy" if year is None else "get_nsrdb_psm4_aggregated"
         given |= {} if year is None else {"year": year}
     elif year is None:
         name = "get_pvgis_tmy"
-    else:  # on a plane tracked about two axes, the beam irradiance is direct normal
+    else:  # beam irradiance on a plane tracked about two axes is direct normal
         name = "get_pvgis_hourly"
         given |= {"start": year, "end": year, "components": True, "trackingtype": 2}
     data, meta = getattr(pvlib.iotools, name)(latitude, longitude, **given)

@@ -24,13 +24,13 @@ class Comparison:
     Parameters
     ----------
     a, b : pathlib.Path
-        The results.
+        Paths of the two results.
     same_bytes : bool
-        True if the files are equal.
+        True if the two files are identical.
     differences : list of str
-        One line for each difference; empty if the contents are equal.
+        One line for each difference in content; an empty list if the contents are equal.
     notes : list of str
-        Differences that are ignored, such as values within the tolerances.
+        Differences that are not counted, for example of values within the tolerances.
     """
 
     a: Path
@@ -46,7 +46,7 @@ class Comparison:
 
     @property
     def lines(self) -> list[str]:
-        """Both paths, differences, notes and verdict."""
+        """Lines with both paths, the differences, the notes and the verdict."""
         if self.same_bytes:
             verdict = "same bytes"
         elif self.same:

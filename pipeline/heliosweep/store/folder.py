@@ -31,12 +31,12 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, log
 from heliosweep.files import human_bytes, named_in, user_path, writing
 from heliosweep.grid import Cut, human_seconds
 
-#: Prefix of folders with chunks, and file in such a folder that describes the study and its blocks and chunks.
+#: Prefix of folders with chunks, and name of the file in such a folder that describes the study and its chunks.
 CHUNKS, RECORD = "chunks-", "plan.json"
 
 
 def unfinished(folder: Path) -> ChunkStore | None:
-    """Return the most recent chunks in a result folder, or None."""
+    """Return the store of the most recent chunks in a result folder, or None if there are no chunks."""
     with suppress(OSError):
         found = [place for place in folder.glob(f"{CHUNKS}*") if (place / RECORD).is_file()]
         return ChunkStore(max(found, key=lambda place: place.stat().st_mtime)) if found else None
@@ -44,13 +44,13 @@ def unfinished(folder: Path) -> ChunkStore | None:
 
 
 class ChunkStore:
-    """Folder of computed chunks. It does not exist before `create` is called."""
+    """Folder of computed chunks, which does not exist before `create` is called."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def create(self, cuts: Mapping[str, Cut], **about: Any) -> dict[str, Cut]:
-        """Create the folder if necessary. Returns the cuts stored in an existing folder, otherwise `cuts`."""
+        """Create the folder if necessary, and return the cuts stored in an existing folder, otherwise `cuts`."""
         with suppress(OSError, ValueError, TypeError, KeyError):
             return {kind: Cut(**lengths) for kind, lengths in self.record["cuts"].items()}
         content = {"cuts": {kind: vars(cut) for kind, cut in cuts.items()}, **about}
@@ -88,7 +88,7 @@ class ChunkStore:
             return None
 
     def seconds_left(self) -> float | None:
-        """Return the time for the missing chunks at the speed of the last chunks, or None if unknown. [s]"""
+        """Return the estimated time for the missing chunks at the speed of the last chunks, or None if unknown. [s]"""
         times = sorted(path.stat().st_mtime for path in self.folder.glob("*.npz"))
         missing = self.record.get("chunks", 0) - len(times)
         last = times[-20:]
@@ -101,9 +101,9 @@ class ChunkStore:
 
 #: Default parent of result folders, below the working directory. Only this folder has an index.
 OUTPUTS = "outputs"
-#: Files of a result folder: data set, manifest, the best point of a search as a study, and lock.
+#: Files in a result folder: data set, manifest, study of the best point of a search, and lock.
 RESULT, MANIFEST, BEST, LOCK = "result.nc", "manifest.json", "best.yaml", ".heliosweep.lock"
-#: Study file of a result: in the folder of a run, and in an unpacked archive.
+#: Names of the study file of a result in the folder of a run, and in an unpacked archive.
 STUDIES = ("study.resolved.yaml", "study.yaml")
 #: Files that describe a result and are removed when another result replaces it.
 DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
@@ -111,9 +111,9 @@ DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Lock a result folder after other runs in it have ended. The system releases the lock of a killed process.
+    """Wait until other runs in a result folder have ended, and lock it. The system releases locks of killed processes.
 
-    Raises HeliosweepError in a worker process that is just starting.
+    Raises HeliosweepError if the process is a worker process that is just starting.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise HeliosweepError('a script that runs a study must do this below `if __name__ == "__main__":`')
@@ -139,12 +139,12 @@ def is_locked(folder: Path) -> bool:
             return False
     except Timeout:
         return True
-    except OSError:  # a folder of another user
+    except OSError:  # the folder may belong to another user
         return False
 
 
 def manifest_text(content: Mapping[str, Any]) -> str:
-    """Return a manifest as sorted, indented JSON, with its digest."""
+    """Return the text of a manifest as sorted, indented JSON with its digest."""
     sealed = {**content, "digest": manifest_digest(content)}
     return json.dumps(sealed, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
 
@@ -170,7 +170,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """Create a result folder and check that it is writable; remove it if it remains empty. Raises StudyError."""
+    """Create a writable result folder, and remove it if it remains empty. Raises StudyError if it is not writable."""
     created: list[Path] = []
     try:
         try:
@@ -192,9 +192,9 @@ def made(folder: Path) -> Iterator[None]:
 
 
 def check_contents(folder: Path, study: Study, force: bool) -> None:
-    """Check that a run does not replace inputs of the study, or files from other sources.
+    """Raise StudyError if a run would replace inputs of the study, or files that do not belong to a result.
 
-    If `force` is True, files with the names of a result may be replaced. Raises StudyError.
+    If `force` is True, the run may replace any file that has the name of a file of a result.
     """
     inputs = {study.resolve(name).resolve() for names in study.files().values() for name in names}
     if study.source.path:
@@ -213,7 +213,7 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
 
 
 def page_head(page: Path) -> tuple[str, str]:
-    """Return title and headline of a page without loading the report's libraries; empty if there is no page."""
+    """Return title and headline of a page, or empty strings if there is no page. Loads no libraries of the report."""
     head = ""
     with suppress(OSError), page.open(encoding="utf-8", errors="replace") as file:
         head = file.read(8192)
@@ -229,15 +229,15 @@ class Status:
     Parameters
     ----------
     folder : pathlib.Path
-        The folder.
+        Result folder.
     state : str
         ``complete``, ``running``, ``interrupted``, ``damaged`` or ``not run``.
     detail : str
         Description of the status.
     done, total : int
-        Number of stored chunks, and total number of chunks.
+        Number of stored chunks, and number of all chunks.
     seconds_left : float, optional
-        Time for the missing chunks at the speed of the last chunks, or None if unknown. [s]
+        Estimated time for the missing chunks at the speed of the last chunks, or None if unknown. [s]
     """
 
     folder: Path
@@ -249,7 +249,7 @@ class Status:
 
 
 def status_of(folder: Path) -> Status:
-    """Return the status of a result folder. Damage is a status and never raises an exception."""
+    """Return the status of a result folder. A damaged folder has a status and does not raise an exception."""
     try:
         running, store = is_locked(folder), unfinished(folder)
         if (folder / MANIFEST).exists() and not (running and store):
@@ -297,19 +297,19 @@ def target_file(
     Parameters
     ----------
     target : path
-        The file.
+        File to write.
     force : bool
-        If True, replace an existing file, but never a source or a file of a run.
+        If True, replace an existing file, but never an input file or a file of a run.
     endings : sequence of str
-        Allowed suffixes of the name, in upper or lower case; if empty, all suffixes are allowed.
+        Allowed suffixes of the name, in upper or lower case. If the sequence is empty, all suffixes are allowed.
     sources : iterable of path
         Input files, which must not be replaced.
 
     Raises
     ------
     StudyError
-        If the file exists and `force` is False, or if it is a folder, is a source, or belongs to a result. The error is
-        also raised if the suffix is not allowed, or if the folder of the file does not exist.
+        If the file exists and `force` is False, or if the path is a folder, an input file or a file of a result. The
+        error is also raised if the suffix is not allowed, or if the folder of the file does not exist.
     """
     file = user_path(target)
     place, ends = file.parent.resolve() / file.name, [*endings[:-2], " or ".join(endings[-2:])]
@@ -338,7 +338,7 @@ def target_file(
 
 
 def sources_of(study: Study) -> set[Path]:
-    """Return the study file, the included studies, and all their input files, including weather files of sites."""
+    """Return the study file, the included studies, and the input files of all these studies."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
     from heliosweep.config.load import file_names
     from heliosweep.config.source import read

@@ -1,4 +1,4 @@
-"""Metadata of a result: global attributes, identity, and the manifest in the result folder."""
+"""Metadata of a result, with its global attributes, its identity, and the manifest in the result folder."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from heliosweep.store.read import result_digest
 
 
 def words_of(family: Any, study: Study) -> dict[str, Any]:
-    """Return the global attributes from the study and its family, according to CF-1.11 and ACDD-1.3.
+    """Return the global attributes of a result according to CF-1.11 and ACDD-1.3.
 
-    They contain no clock time, host, user or path, so that repeated runs give equal files. The manifest contains these
-    data.
+    The attributes contain no clock time, host, user or path, so that repeated runs give equal files. The manifest
+    contains these data.
     """
     keywords = ("concentrating solar power", "solar tracking", *family.keywords)
     given = study.dataset.keywords if study.dataset else ()
@@ -65,7 +65,7 @@ def _people(study: Study) -> dict[str, str]:
             for key in ("email", "affiliation", "orcid")}  # fmt: skip
     values = {
         "product_version": about.version or __version__,
-        # ACDD separates names by commas, which names may contain
+        # ACDD separates names by commas, but names may contain commas
         "creator_name": "; ".join(creator.name for creator in about.creators),
         "creator_email": "; ".join(filter(None, each["email"])),
         "creator_institution": "; ".join(filter(None, each["affiliation"])),
@@ -92,7 +92,7 @@ def _where(study: Study) -> Iterator[tuple[str, Any]]:
 
 
 def _period(study: Study) -> dict[str, str]:
-    """Return attributes for the dates of a study on the civil clock; the resolution is the step within a day."""
+    """Return attributes for the dates of a study on the civil clock. The time resolution is the step within a day."""
     time: Any = getattr(study, "time", None)
     if not isinstance(time, CivilTime):
         return {}
@@ -106,9 +106,9 @@ def _period(study: Study) -> dict[str, str]:
 
 
 def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
-    """Write ``manifest.json`` and the resolved study. Raises HeliosweepError.
+    """Write ``manifest.json`` and the resolved study. Raises HeliosweepError if a file cannot be written.
 
-    `content` is the manifest without the result and the environment.
+    `content` is the manifest without its entries for the result and the environment.
     """
     recorded = {"file": result.name, "bytes": result.stat().st_size, "sha256": result_digest(result)}
     called = Path(sys.argv[0])
@@ -132,7 +132,7 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
 
 
 def finished(folder: Path) -> tuple[Path | None, dict[str, Any]]:
-    """Return path (or None) and identity of the finished result in a folder, without checking its bytes."""
+    """Return path (or None) and identity of the finished result in a folder, without checking the result file."""
     with suppress(HeliosweepError):
         manifest = read_manifest(folder)
         path = folder / manifest["result"]["file"]
@@ -148,7 +148,7 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
     describes stored variables and their format, and ``attributes`` contains the global attributes.
     """
     canonical = study.canonical()
-    # these follow from the study and the code, which are compared separately
+    # the study and the code, which are compared separately, determine these attributes
     following = ("study", "study_id", "id", "history", "source")
     return {
         "study_id": id_of(canonical),
@@ -160,10 +160,7 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
 
 
 def changes(before: Any, after: Any, key: str = "") -> list[str]:
-    """Return the differences between two values of plain data, one line per key.
-
-    A line has the form ``receiver.height: 60 -> 70``.
-    """
+    """Return one line for each key whose value differs in two mappings, such as ``receiver.height: 60 -> 70``."""
     if isinstance(before, Mapping) and isinstance(after, Mapping):
         prefix = f"{key}." if key else ""
         pairs = ((name, before.get(name), after.get(name)) for name in {**after, **before})
@@ -186,7 +183,7 @@ def _words(value: Any) -> str:
 
 
 def summary(about: str, study: Study) -> str:
-    """Return subject and period of a study on one line. The period is omitted if the study has no clock."""
+    """Return subject and period of a study on one line, without the period if the study has no clock."""
     said, time = " ".join(about.split()), getattr(study, "time", None)
     if isinstance(time, SolarTime | CivilTime):
         period = dates(time)
@@ -199,7 +196,7 @@ def summary(about: str, study: Study) -> str:
 
 
 def dates(time: SolarTime | CivilTime) -> str:
-    """Describe the dates, the days of the year or the solar declinations of a study."""
+    """Return a description of the dates, the days of the year or the solar declinations of a study."""
     if isinstance(time, CivilTime):
         listed = list(map(str, time.date_list()))
         if len(listed) <= 4:

@@ -1,4 +1,4 @@
-"""Find, open, digest and verify results."""
+"""Functions that locate, open and verify results."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def is_netcdf(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(8).startswith((b"\x89HDF", b"CDF"))  # HDF5-based and classic files
+        return file.read(8).startswith((b"\x89HDF", b"CDF"))  # signatures of HDF5-based and of classic files
 
 
 def locate(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a result: a NetCDF file, or the result in a folder. Raises StudyError."""
+    """Return the path of a NetCDF file, or of the result in a folder. Raises StudyError if there is no result."""
     place = user_path(path)
     if not place.exists():
         raise StudyError(Problem("no such file or folder", file=str(place)))
@@ -62,9 +62,9 @@ def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
     try:
         with LIBRARY_LOCK:
             result = stored = xr.open_dataset(place.absolute(), engine="netcdf4", lock=LIBRARY_LOCK, chunks=chunks)
-    except Exception as error:  # the libraries raise any type of exception for damaged files
+    except Exception as error:  # for damaged files, the libraries may raise any type of exception
         raise HeliosweepError(f"{place}: is damaged: {reason_of(error)}; run the study again") from error
-    old = [str(name) for name in result.variables if "least_tolerance" in str(name)]  # names of version 0.1
+    old = [str(name) for name in result.variables if "least_tolerance" in str(name)]  # names used by version 0.1
     result = result.rename({name: name.replace("least_tolerance", "minimum_tolerance") for name in old})
     texts = {name: item for name, item in result.coords.items() if item.dtype.kind in "OT"}
     decoded = result.assign_coords(
@@ -81,7 +81,7 @@ def result_digest(path: Path) -> str:
 
 
 def check_digest(place: Path) -> None:
-    """Raise HeliosweepError if the bytes of a result differ from the manifest in its folder."""
+    """Raise HeliosweepError if the digest of a result differs from the digest in its manifest."""
     try:
         recorded = read_manifest(place.parent)["result"]
     except HeliosweepError:
@@ -93,7 +93,7 @@ def check_digest(place: Path) -> None:
 
 
 class Verification(NamedTuple):
-    """Findings in a result folder, one per line; `ok` is False if a file is damaged or missing."""
+    """Findings of the verification of a result folder. `ok` is False if a file is damaged or missing."""
 
     folder: Path
     finished: bool
@@ -106,7 +106,7 @@ class Verification(NamedTuple):
 
 
 def verify(folder: str | os.PathLike[str]) -> Verification:
-    """Check a finished or unfinished result folder without changing it. Damage is reported and never raised."""
+    """Check a finished or unfinished result folder without changing it. Damage is reported without an exception."""
     place = user_path(folder)
     finished = (place / MANIFEST).exists() or unfinished(place) is None
     found = list[tuple[bool, str]]()

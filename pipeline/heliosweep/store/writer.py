@@ -24,27 +24,27 @@ from heliosweep.store.folder import DESCRIPTIONS, RESULT
 if TYPE_CHECKING:
     from heliosweep.config.blocks import Output
 
-    Blocks = Iterable[tuple[Piece, Mapping[Any, Any]]]  # names and arrays, possibly as an xarray.Dataset
+    Blocks = Iterable[tuple[Piece, Mapping[Any, Any]]]  # each mapping has names and arrays, or is an xarray.Dataset
 
 _TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
 
 
 @dataclass(frozen=True)
 class Template:
-    """Result without its values.
+    """Contents of a result file except the values of its variables.
 
     Parameters
     ----------
     sizes : mapping of str to int
         Dimensions in the order of the result.
     coordinates : xarray.Dataset
-        Coordinates, in memory.
+        Coordinates of the result, in memory.
     variables : mapping of str to Variable
         Data variables in the order of the result.
     attributes : mapping of str to object
         Global attributes.
     cuts : mapping of str to Cut
-        Blocks of the variables of each kind, which are also the storage chunks of compressed variables.
+        Division of each kind of variables into blocks, which are also the storage chunks of compressed variables.
     """
 
     sizes: Mapping[str, int]
@@ -60,18 +60,18 @@ def write_result(blocks: Blocks, template: Template, output: Output, folder: Pat
     Parameters
     ----------
     blocks : iterable of (Piece, mapping of str to array)
-        All blocks in the order of the file, with the values of their variables.
+        All blocks of the result in the order of the file, with the values of their variables.
     template : Template
-        Other contents of the result.
+        Contents of the result file except the values.
     output : Output
-        Output block of the study, which specifies the compression.
+        Block `output` of the study, which specifies the compression.
     folder : pathlib.Path
         Result folder.
 
     Returns
     -------
     pathlib.Path
-        ``result.nc``.
+        Path of ``result.nc``.
 
     Raises
     ------
@@ -83,14 +83,14 @@ def write_result(blocks: Blocks, template: Template, output: Output, folder: Pat
     with written_whole(path) as temporary:
         _write_netcdf(temporary, blocks, template, level, path)
         sync(temporary)
-        # A folder without a manifest counts as having no result, so a run that is killed here starts again.
+        # If a run is killed here, the folder has no manifest, and the next run starts again.
         for name in DESCRIPTIONS:
             remove(folder / name)
     return path
 
 
 def _write_netcdf(path: Path, blocks: Blocks, template: Template, level: int, named: Path) -> None:
-    """Write a NetCDF file with time series compressed at a level (0: none); `named` is its name in messages."""
+    """Write a NetCDF file and compress time series at a level (0: none). Messages contain the name `named`."""
     with LIBRARY_LOCK:
         file = netCDF4.Dataset(path.absolute(), "w", format="NETCDF4")
     try:
@@ -108,7 +108,7 @@ def _write_netcdf(path: Path, blocks: Blocks, template: Template, level: int, na
     finally:
         with LIBRARY_LOCK, suppress(OSError, RuntimeError):
             if file.isopen():
-                file.close()  # closing writes data, and fails again if the disk is full
+                file.close()  # closing the file writes data, and fails again if the disk is full
 
 
 def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
@@ -127,7 +127,7 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
             storage = {"chunksizes": chunks, "compression": "zlib", "complevel": level}
         fill = np.nan if dtype.kind == "f" else False
         target = file.createVariable(name, dtype, variable.dims, fill_value=fill, **storage)
-        # each chunk is written once, so a cache would only use 64 MB per variable
+        # each chunk is written once, so that a chunk cache is a waste of 64 MB per variable
         if level and variable.kind == "series":
             target.set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
         labels = [
@@ -163,7 +163,7 @@ def _write_coordinates(file: netCDF4.Dataset, coordinates: xr.Dataset) -> None:
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
-    """Return times as seconds since 1970, with NaT as NaN; other values are unchanged."""
+    """Return times as seconds since 1970, and NaT as NaN. Other values are returned unchanged."""
     if values.dtype.kind != "M":
         return values
     return np.where(np.isnat(values), np.nan, values.astype("datetime64[ns]").astype(np.int64) / 1e9)
