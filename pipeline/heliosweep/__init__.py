@@ -1,4 +1,4 @@
-"""Batch studies of solar-concentrator tracking and optics: one YAML file in, one NetCDF data set out."""
+"""Batch studies of solar-concentrator tracking and optics, from a YAML file to a NetCDF data set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Aim points under a flux limit on the receiver, with an upper bound of the possible power."""
+"""Aim points for maximum power under a flux limit on the receiver, with an upper bound of this power."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from heliosweep.light import (
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-#: Default number of rays of an image; default gap between power and bound, relative to the bound.
+#: Default number of rays of an image, and default gap between power and upper bound relative to the bound.
 RAYS, GAP = 1024, 2e-3
 #: Maximum distance of an aim point from the surface of the receiver. [m]
 SLACK = 0.01
-#: Variables of a result: dimensions, unit and description.
+#: Dimensions, unit and description of each variable of a result.
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "aim": (("heliostat",), "1", "number of the aim point, -1 if stowed"),
     **{f"aim_{axis}": (("heliostat",), "m", f"{words} of the aim point")
@@ -50,9 +50,9 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
 
 
 class Aims(NamedTuple):
-    """Aim points of heliostats, their power, and an upper bound of the power."""
+    """Aim points of heliostats, the resulting power, and an upper bound of the power."""
 
-    #: Number of the aim point of each heliostat, -1 if stowed.
+    #: Index of the aim point of each heliostat, or -1 if the heliostat is stowed.
     choice: Integers
     power: float
     bound: float
@@ -65,28 +65,29 @@ class Aims(NamedTuple):
 def choose_aims(
     power: Floats, flux: csr_matrix, limit: Floats, *, gap: float = GAP, threads: int | None = None
 ) -> Aims:
-    """Choose an aim point for each heliostat, or stow it, for maximum power under flux limits.
+    """Choose an aim point for each heliostat or stow the heliostat for maximum power under flux limits.
 
-    The function maximises the sum of the powers P_ia of the choices, subject to sum F_iac <= L_c for each cell c.
+    The function maximises the sum of the powers P_ia of the chosen aim points a of the heliostats i. The constraint is
+    sum F_iac <= L_c for the flux in each cell c.
 
     Parameters
     ----------
     power : ndarray, shape (A, N)
-        Power of each heliostat with each aim. [any unit]
+        Power of each heliostat with each aim point. [any unit]
     flux : csr_matrix, shape (A * N, C)
-        Flux in each cell; row a * N + i is heliostat i with aim point a. [any unit]
+        Flux in each cell, with the row a * N + i for heliostat i with aim point a. [any unit]
     limit : ndarray, shape (C,)
-        Limit of each cell, above 0. [unit of the flux]
+        Maximum flux in each cell, above 0. [unit of the flux]
     gap : float
-        The search ends if the bound exceeds the power by at most this fraction of the bound, or if the bound hardly
-        decreases.
+        Difference between bound and power, as a fraction of the bound, at which the search ends. The search also ends
+        if the bound hardly decreases.
     threads : int, optional
-        Number of threads (default: all cores). Results do not depend on it.
+        Number of threads, which does not affect the results (default: all cores).
 
     Returns
     -------
     Aims
-        Choice of aim points, its power and flux, the upper bound of the power, and the prices.
+        Chosen aim points, power and flux of this choice, upper bound of the power, and prices of the limits.
 
     Raises
     ------
@@ -100,11 +101,11 @@ def choose_aims(
 
         D(lambda) = sum_i max(0, max_a (P_ia - sum_c lambda_c F_iac)) + sum_c lambda_c L_c
 
-    is at least the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer programming",
-    Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises it in rounds of decreasing smoothing. In each
-    round, the shares of the aim points are rounded: one heliostat after another is assigned the aim point with the
-    maximum power minus a penalty for the overload of cells. The penalty increases until no cell exceeds its limit. Then
-    heliostats move to better aim points if the limits allow. For small problems, HiGHS computes the best choice by
+    is an upper bound of the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer programming",
+    Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises D in rounds of decreasing smoothing. Each
+    round ends with a choice from the shares of the aim points. Each heliostat in turn is assigned the aim point with
+    the maximum power minus a penalty for the overload of cells. The penalty increases until no cell exceeds its limit.
+    Then heliostats move to better aim points within the limits. For small problems, HiGHS computes the best choice by
     branch and bound.
 
     Examples
@@ -144,7 +145,7 @@ def choose_aims(
         return total / mean + scaled.sum(), 1.0 - loads.sum(axis=0) / limit
 
     with ThreadPoolExecutor(threads or processors()) as pool:
-        for smoothing in (3e-3, 3e-4, 3e-5, 3e-6, 3e-7):  # relative to the mean power of a heliostat
+        for smoothing in (3e-3, 3e-4, 3e-5, 3e-6, 3e-7):  # width relative to the mean power of a heliostat
             options = {"maxiter": 1000, "maxcor": 20, "ftol": smoothing * 0.5 * gap, "gtol": 1e-8}
             bounds, last = [(0.0, None)] * limit.size, bound
             scaled = minimize(smooth, scaled, (smoothing * mean,), "L-BFGS-B", True, bounds=bounds, options=options).x
@@ -155,7 +156,7 @@ def choose_aims(
             choice = _rounded(power, net, images, limit, share, loads.sum(axis=0), 2.0 * mean)
             if (total := _total(power, choice)) > best_power:
                 best, best_power = choice, total
-            if best_power >= (1.0 - gap) * bound or last - bound < 0.2 * gap * bound:  # or the bound hardly falls
+            if best_power >= (1.0 - gap) * bound or last - bound < 0.2 * gap * bound:  # the bound hardly decreases
                 break
     if power.size <= 200 and best_power < (1.0 - gap) * bound:
         choice, value = _exact(power / mean, flux, limit)
@@ -166,7 +167,7 @@ def choose_aims(
 
 
 def _images(flux: csr_matrix) -> tuple[Any, ...]:
-    """Return the arrays of a CSR matrix for the kernels."""
+    """Return the arrays of a CSR matrix in the form that the kernels accept."""
     return flux.indptr, flux.indices.view(np.uint32), flux.data
 
 
@@ -191,7 +192,7 @@ def _rounded(
 
 
 def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, float]:
-    """Return the best choice and the bound that HiGHS finds by branch and bound within 100 nodes."""
+    """Return the best choice and the upper bound from branch and bound with HiGHS within 100 nodes."""
     from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import diags, identity, kron, vstack
 
@@ -225,9 +226,9 @@ def overload(flux: csr_matrix, limit: Floats, count: int) -> tuple[int, float, i
 def aim_grid(receiver: tracer.Receiver, centre: Floats, rows: int, columns: int, azimuth_span: float) -> Floats:
     """Return aim points in rows and columns on the receiver, shape (rows * columns, N, 3). [m]
 
-    They are the centres of equal cells, with rows from the bottom up. The cells divide a rectangle, or the strip of a
-    cylinder that extends over `azimuth_span` [rad] around the point nearest to each heliostat. Heliostats are at
-    `centre`, shape (N, 3) [m].
+    The aim points are the centres of equal cells, with rows from the bottom up. The cells divide a rectangle, or a
+    strip of a cylinder. The strip extends over `azimuth_span` [rad] around the point nearest to each heliostat. The
+    positions of the heliostats are `centre`, shape (N, 3) [m].
     """
     up, along = (((np.arange(count) + 0.5) / count - 0.5) for count in (rows, columns))
     height = np.multiply.outer(2.0 * receiver.half_height * np.repeat(up, columns), receiver.upward)[:, np.newaxis]
@@ -241,9 +242,9 @@ def aim_grid(receiver: tracer.Receiver, centre: Floats, rows: int, columns: int,
 
 
 def off_receiver(receiver: tracer.Receiver, centre: Floats, points: Floats) -> Floats:
-    """Return the distance of points from the receiver's surface, shape (..., N). [m]
+    """Return the distance of aim points from the receiver's surface, shape (..., N). [m]
 
-    The distance is infinite if the heliostat is behind the receiver.
+    The distance is infinite for a heliostat behind the receiver.
     """
     off, back, upward = points - receiver.centre, centre - points, np.array(receiver.upward)
     beyond = np.abs(off @ upward) - receiver.half_height
@@ -259,7 +260,7 @@ def off_receiver(receiver: tracer.Receiver, centre: Floats, points: Floats) -> F
 
 
 def image_bytes(kind: int, heliostats: int, aims: int, cells: tuple[int, int], rays: int) -> int:
-    """Return the maximum size of the images of heliostats; each image covers at most half of a cylinder. [bytes]"""
+    """Return the maximum size of the images of heliostats, which cover at most half of a cylinder each. [bytes]"""
     lit = cells[0] * (cells[1] // 2 + 2 if kind == tracer.CYLINDER else cells[1])
     return 2 * 8 * min(lit, rays) * heliostats * aims
 
@@ -275,15 +276,15 @@ def aim_images(
     Parameters
     ----------
     scene : Scene
-        Field; its aim points are replaced.
+        Scene of the field, whose aim points are replaced.
     sun : ndarray, shape (1, 3)
         Unit vector to the sun. [1]
     points : ndarray, shape (A, N, 3)
         Aim points. [m]
     cells : (int, int)
-        Rows and columns of cells on the receiver.
+        Numbers of rows and columns of cells on the receiver.
     share : ndarray, shape (N,)
-        Power of the light on the area of each mirror at normal incidence, minus losses in mirror and air. [kW]
+        Power of the light on each mirror at normal incidence, minus losses by reflection and attenuation. [kW]
     rays, seed, threads
         As in `kernels.rays.trace`.
     """
@@ -304,7 +305,6 @@ def image_powers(flux: csr_matrix, receiver: tracer.Receiver, cells: tuple[int, 
 
 
 def _load(flux: csr_matrix, choice: Integers) -> Floats:
-    """Return the flux of a choice in each cell."""
     on = np.flatnonzero(choice >= 0)
     rows = flux[choice[on] * len(choice) + on]
     return np.bincount(rows.indices, rows.data, flux.shape[1]).astype(np.float64)
@@ -313,7 +313,8 @@ def _load(flux: csr_matrix, choice: Integers) -> Floats:
 def targets(scene: tracer.Scene, place: Floats) -> Floats:
     """Return the aim points of a field for the tracer, shape (N, 3). [m]
 
-    Stowed heliostats, which are NaN in `place`, aim above the tower, at three times the height of the receiver.
+    Stowed heliostats, which are NaN in `place`, aim at a point above the tower, at three times the height of the
+    receiver.
     """
     above = np.array([*scene.receiver.centre[:2], 3.0 * scene.receiver.centre[2]])
     return np.where(np.isnan(place), above, place)
@@ -323,18 +324,18 @@ def limited_aims(
     scene: tracer.Scene, sun: Floats, points: Floats, limit: Floats, share: Floats, *, rays: int = RAYS, seed: int = 0,
     gap: float = GAP, threads: int = 1,
 ) -> dict[str, Any]:  # fmt: skip
-    """Choose aim points for which the flux of a finer trace meets the limits; return the values of `VARIABLES`.
+    """Choose aim points for which the flux of a finer trace meets the limits, and return the values of `VARIABLES`.
 
-    The images of a choice contain noise. Each round replaces them by images with more rays and divides the limit of
-    each overloaded cell by the square root of the ratio of flux to limit. It then moves heliostats until the choice
-    meets the new limits.
+    The images of heliostats contain noise. Each round replaces the images of the chosen aim points by images with more
+    rays. The limit of each overloaded cell is divided by the square root of the ratio of flux to limit. Heliostats then
+    change their aim points until the flux meets the new limits.
 
     Parameters
     ----------
     scene, sun, points, share, rays, seed, threads
         As in `aim_images`.
     limit : ndarray, shape (rows, columns)
-        Limit of each cell. [kW m-2]
+        Maximum flux in each cell. [kW m-2]
     gap : float
         As in `choose_aims`.
 
@@ -352,7 +353,7 @@ def limited_aims(
     if (problem := overload(flux, most, count)) is not None:
         words = "heliostat {} alone has {:.4g} kW/m2 in row {}, column {}, above the limit with each of its aim points"
         raise ValueError(words.format(*problem[:2], *divmod(problem[2], cells[1])))
-    whole, free = float(power.max(axis=0).sum()), _load(flux, power.argmax(axis=0))  # without a limit
+    whole, free = float(power.max(axis=0).sum()), _load(flux, power.argmax(axis=0))  # power and flux without a limit
     found = choose_aims(power, flux, most, gap=gap, threads=threads)
     choice, least, reduced = found.choice, np.inf, most
     penalty = 10.0 * power.max(axis=0).mean()  # per overload, because only few heliostats move
@@ -377,7 +378,7 @@ def limited_aims(
         choice = _rounded(power, power, _images(flux), reduced, shares, _load(flux, choice), penalty)
     choice, place, checked = kept
     output, maps = area * float(checked.sum()), (values.reshape(cells) for values in (checked, free, found.price))
-    bound = max(found.bound, output)  # the bound has different noise, because it uses other rays
+    bound = max(found.bound, output)  # the noise of the bound differs, because its rays differ
     values = (
         choice, *place.T, *maps, *(1e-3 * np.array((output, whole, bound))), checked.max(), free.max(),
         *(max(1.0 - output / (best or np.nan), 0.0) for best in (whole, bound)), np.count_nonzero(choice < 0),
@@ -392,7 +393,7 @@ def flux_limited_aims(
     reflectivity: ArrayLike = 1.0, transmittance: ArrayLike = 1.0, rays: int = RAYS, seed: int = 0, gap: float = GAP,
     memory: float = 4e9, threads: int | None = None, **field: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Aim or stow each heliostat for the maximum power on the receiver under a flux limit.
+    """Choose aim points and stowed heliostats for maximum power on the receiver under a flux limit.
 
     The field is traced once for each aim point to compute the image of each heliostat. `choose_aims` selects the aim
     points.
@@ -402,17 +403,17 @@ def flux_limited_aims(
     layout, receiver, **field
         As in `field_scene`.
     sun_azimuth, sun_elevation : float
-        Direction to the sun, which must be above the horizon. [deg]
+        Azimuth and elevation of the sun, which must be above the horizon. [deg]
     limit : float or array, shape (rows of cells,) or (rows of cells, columns of cells)
-        Maximum flux in each cell, with rows from the bottom up. [kW m-2]
+        Maximum flux in each cell, with rows of cells from the bottom up. [kW m-2]
     rows, columns : int
-        Rows and columns of aim points, which are the centres of equal cells of the receiver.
+        Numbers of rows and columns of aim points, which are the centres of equal cells of the receiver.
     azimuth_span : float
-        Range of the columns on a cylinder, around the point nearest to the heliostat. [deg]
+        Range of the columns of aim points on a cylinder around the point nearest to the heliostat. [deg]
     aims : array, shape (A, 3) or (A, N, 3), optional
-        Aim points instead of rows and columns. [m]
+        Aim points that replace the rows and columns of aim points. [m]
     flux_map : (int, int)
-        Rows and columns of the flux map.
+        Numbers of rows and columns of the flux map.
     dni : float
         Direct normal irradiance. [W m-2]
     reflectivity, transmittance : float or array, shape (N,)
@@ -420,8 +421,9 @@ def flux_limited_aims(
     rays : int
         Number of rays of each image.
     seed : int
-        Seed of the rays of images. The flux of the chosen aims is traced with the next seed and 16 times the rays.
-        Cells that then exceed the limit by over 0.5 % get a lower limit, and the aim points are chosen again.
+        Seed of the rays of images. The flux of the chosen aim points is traced with the next seed and 16 times as many
+        rays. Cells that then exceed the limit by more than 0.5 % get a lower limit, and the aim points are chosen
+        again.
     gap : float
         As in `choose_aims`.
     memory : float
@@ -432,11 +434,11 @@ def flux_limited_aims(
     Returns
     -------
     xarray.Dataset
-        Variables of each heliostat: `aim`, the number of its aim point, -1 if stowed, and `aim_x`, `aim_y`, `aim_z`
-        [m], NaN if stowed. Maps: `aimed_flux_map`, `unlimited_flux_map` [kW m-2], and `flux_price`, the power gained
-        per unit of the limit [kW / (kW m-2)]. Scalars: `aimed_power`, `unlimited_power`, `power_bound` [MW];
-        `aimed_peak_flux`, `unlimited_peak_flux` [kW m-2]; `limit_loss`, a fraction of the unlimited power; `aim_gap`, a
-        fraction of the bound; `stowed_heliostats`.
+        Variables of each heliostat: `aim`, the index of its aim point or -1 if stowed, and the coordinates of the aim
+        point `aim_x`, `aim_y`, `aim_z` [m], which are NaN if stowed. Maps: `aimed_flux_map`, `unlimited_flux_map` [kW
+        m-2], and `flux_price`, the power gained per unit of the limit [kW / (kW m-2)]. Scalars: `aimed_power`,
+        `unlimited_power`, `power_bound` [MW]; `aimed_peak_flux`, `unlimited_peak_flux` [kW m-2]; `limit_loss`, a
+        fraction of the unlimited power; `aim_gap`, a fraction of the bound; `stowed_heliostats`.
 
     Raises
     ------

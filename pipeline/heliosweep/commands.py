@@ -1,4 +1,4 @@
-"""Commands of the command line; each function takes the options of a command in `cli.COMMANDS`."""
+"""Functions of the commands in `cli.COMMANDS`, which take the options of the command line."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _TABLES = (".csv", ".xlsx")
 
 
 class Formatter(logging.Formatter):
-    """Message formatter that escapes control characters, and names the current study if several studies are run."""
+    """Formatter that escapes control characters in messages, and adds the current study if several studies are run."""
 
     study = ""
 
@@ -43,18 +43,18 @@ class Formatter(logging.Formatter):
 
 
 def carry_out(options: argparse.Namespace) -> int:
-    """Run the command of the options, print its result, and return the exit code."""
+    """Run the command that the options specify, print its result, and return the exit code."""
     answer = COMMANDS[options.command](options)
     if isinstance(answer, int):
         return answer
     for item in [answer] if isinstance(answer, str | Path) else answer or ():
         is_path = isinstance(item, Path) and not sys.stdout.isatty()
-        print(item if is_path else printable(item))  # a path is printed unchanged for other programs
+        print(item if is_path else printable(item))  # paths are printed unchanged for use in other programs
     return 0
 
 
 def refused(error: HeliosweepError | OSError, study: str = "") -> int:
-    """Print the error of a command, with the study if several studies are run, and return the exit code."""
+    """Print the error of a command, with the name of the study if several studies are run; return the exit code."""
     text = str(error)
     if isinstance(error, OSError):
         text = f"{error.strerror or error}: {error.filename or ''}".rstrip(": ")
@@ -111,7 +111,7 @@ def _run(options: argparse.Namespace) -> int:
         )
     if several and not options.verbose:
         log.setLevel(logging.WARNING)  # one line for each study
-    _execution(options)  # an error is printed once
+    _execution(options)  # prints an error in the options only once
     failed: dict[str, int] = {}
     for path in dict.fromkeys(options.studies):
         Formatter.study = path if several else ""
@@ -144,7 +144,7 @@ def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
     )
     if several and not quiet:
         line = printable(f"{path}: {result.headline()} ({time.perf_counter() - began:.1f} s)")
-        print("\r\x1b[K" * sys.stdout.isatty() + line, flush=True)  # replace a progress line in the terminal
+        print("\r\x1b[K" * sys.stdout.isatty() + line, flush=True)  # replaces a progress line in the terminal
         return
     if not quiet and (lines := result.ending()):
         print(printable(lines), file=sys.stderr)
@@ -186,11 +186,11 @@ def _export(options: argparse.Namespace) -> Path:
 
 
 def _read_for(source: str) -> set[Path]:
-    """Return the files that a command reads for a study file, a layout or a result folder."""
+    """Return the files that a command reads if its source is a study file, a layout or a result folder."""
     path = user_path(source)
     files, study = {path}, path / "study.resolved.yaml" if path.is_dir() else path
     if study.suffix.lower() in (".yaml", ".yml"):
-        with suppress(HeliosweepError, OSError):  # problems are reported when the study is used
+        with suppress(HeliosweepError, OSError):  # problems in a study are reported when the study is used
             files |= sources_of(heliosweep.load(study))
     return files
 
@@ -266,7 +266,7 @@ def _setup(_: argparse.Namespace) -> str:
 
     began = time.perf_counter()
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        # studies that together call all kernels, in descending compilation time
+        # studies that together call all kernels, in descending order of compilation time
         fresh = any(list(pool.map(_compile, (
             "chong2012_table1", "surround_energy", "calibration_synthetic", "defieux2020_table1", "gazing_measured",
             "deviation_curves", "mount_error_monte_carlo", "detectors_closed_loop", "dish_world", "liu2022_table2",
@@ -276,7 +276,7 @@ def _setup(_: argparse.Namespace) -> str:
 
 
 def _compile(name: str) -> bool:
-    """Compile the kernels of an included study; return True if any kernel was not yet compiled."""
+    """Compile the kernels of an included study, and return True if any kernel was not yet compiled."""
     from heliosweep.families.lookup import family_of
     from heliosweep.share.guide import shipped
 

@@ -1,7 +1,8 @@
-"""Tracking of dishes on tilted mounts, without a study: tracking error, effective tracking factor, tolerable tilt.
+"""Tracking error, effective tracking factor and tolerable tilt of dishes on tilted mounts, without a study file.
 
 Azimuths of the sun run clockwise from north. The direction of a tilt is the direction in which the foot of the azimuth
-axis leans, from south, positive to the west. Angles are in degrees, tracking errors and tolerances in milliradians.
+axis leans, measured from south and positive to the west. Angles are in degrees, tracking errors and tolerances in
+milliradians.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ MODELS = {"rigid": kernel.RIGID, "untilted_home_axes": kernel.UNTILTED_HOME_AXES
 ERRORS = (
     "home_azimuth_offset", "home_elevation_offset", "azimuth_reference", "non_orthogonality", "collimation"
 )  # fmt: skip
-#: Tilts at which the factor is computed before the search between two of them. [deg]
+#: Tilts at which the factor is computed before the search between two neighbouring tilts. [deg]
 SCAN = np.array([0.0, *np.geomspace(1e-3, 45.0, 48)])
 
 
@@ -44,13 +45,13 @@ def tracking_error(
     axis_tilt_direction : float, array or DataArray
         Direction in which the foot of the axis leans: 0 south, 90 west. [deg]
     model : {'rigid', 'untilted_home_axes'}
-        The whole mount leans ('rigid'), or only the azimuth axis leans and the home positions of the other axes are not
-        affected.
+        Model of the tilt: the whole mount leans ('rigid'), or only the azimuth axis leans and the home positions of the
+        other axes do not change.
     **errors : float, array or DataArray
         Other errors of the mount: ``home_azimuth_offset`` and ``home_elevation_offset``, ``azimuth_reference`` (excess
         rotation of the mount, clockwise seen from above), ``non_orthogonality`` (of the elevation axis, positive if its
         end to the right of the focal axis is lower) and ``collimation`` (of the focal axis, positive to the right). All
-        broadcast against the tilt. [deg]
+        errors are broadcast against the tilt. [deg]
 
     Returns
     -------
@@ -90,16 +91,16 @@ def tracking_factor(
     Parameters
     ----------
     sun_azimuth, sun_elevation, axis_tilt, axis_tilt_direction, model, **errors
-        As in `tracking_error`; the mean is over all instants.
+        As in `tracking_error`. The mean error is computed over all instants.
     tolerance : float, array or DataArray
         Tracking error at which the factor is zero. [mrad]
     clip : bool
-        If True, errors above `tolerance` are set to `tolerance`.
+        If True, tracking errors above `tolerance` are set to `tolerance`.
 
     Returns
     -------
     float, array or DataArray
-        Factor of each mount: 1 for perfect tracking, negative if the mean error exceeds the tolerance. [1]
+        Factor of each mount; 1 for perfect tracking, negative if the mean error exceeds the tolerance. [1]
 
     Raises
     ------
@@ -141,7 +142,7 @@ def tolerable_tilt(
     Returns
     -------
     float, array or DataArray
-        Maximum tilt: 0 if no tilt meets the requirement, NaN if a tilt of 45 deg meets it. [deg]
+        Maximum tilt; 0 if no tilt meets the requirement, NaN if a tilt of 45 deg meets the requirement. [deg]
 
     Raises
     ------
@@ -170,17 +171,18 @@ def dish_intercept(
 ) -> Any:
     """Return the fraction of the light from a paraboloid that passes through a round aperture in its focal plane.
 
-    The light from each mirror point has a Gaussian distribution about its direction. A point at the angle theta from
-    the axis, seen from the focus, is at the distance rho = 2 f / (1 + cos theta). A deviation of its ray moves the
-    light by rho times the deviation in the tangential direction, and by rho / cos theta times the deviation in the
-    radial direction. The tracking error moves the light from all points.
+    The light from each mirror point has a Gaussian distribution about the direction of the ray. The distance of the
+    mirror point from the focus is rho = 2 f / (1 + cos theta), where theta is the angle from the axis seen from the
+    focus. A deviation of the ray shifts the light in the focal plane by rho times the deviation in the tangential
+    direction, and by rho / cos theta times the deviation in the radial direction. The tracking error shifts the light
+    from all mirror points.
 
     Parameters
     ----------
     tracking_error : float, array or DataArray
         Angle between the sun and the axis of the dish. [mrad]
     focal_length, diameter : float
-        Focal length and diameter of the dish; the rim angle must be less than 90 deg. [m]
+        Focal length and diameter of the dish, with a rim angle below 90 deg. [m]
     aperture_radius : float
         Radius of the aperture, which is perpendicular to the axis and centred at the focus. [m]
     spread : float
@@ -201,8 +203,8 @@ def dish_intercept(
     The angle between a deviation and the meridian of a mirror point is uniformly distributed, because the dish and the
     light are symmetric. The deviation is Gaussian about the tracking error, so its magnitude has a Rice distribution.
     Each mirror point has a maximum deviation at which its light still passes. The result is the mean of the
-    distribution function at these maxima. It is accurate to 1e-5 for rim angles up to 80 deg, and to 1e-4 for larger
-    rim angles.
+    distribution function at these maxima. The accuracy is 1e-5 for rim angles up to 80 deg, and 1e-4 for larger rim
+    angles.
 
     Examples
     --------
@@ -229,7 +231,7 @@ def dish_intercept(
     error = np.clip(wanted, low, high)
     high = min(high, max(float(np.nanmax(error, initial=low)), low + width))
     known = np.linspace(low, high, min(max(math.ceil(8.0 * (high - low) / width), 8), 2048) + 1)
-    # Fraction of the mirror whose light passes at each deviation: means over cells of 1/128 of the spread.
+    # Fraction of the mirror whose light passes at each deviation, as means over cells of 1/128 of the spread.
     cell = width / 128.0
     first = np.floor(known / cell)[:, np.newaxis] + np.arange(-768.0, 769.0)
     edges = np.maximum(first * cell, 0.0)
@@ -249,21 +251,21 @@ def dish_intercept(
 def window_factors(
     model: str, windows: kernel.Windows, clip: bool, tilt: Floats, direction: Floats, tolerance: Floats, *errors: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Compute the factors and tracking errors of mounts in windows of time.
+    """Compute the tracking factors and tracking errors of mounts in windows of time.
 
     Parameters
     ----------
     model, tilt, direction, tolerance, clip
-        As in `tracking_factor`; arrays are broadcast. [deg, mrad]
+        As in `tracking_factor`, with arrays broadcast. [deg, mrad]
     windows : kernels.dish.Windows
         Instants of W windows.
     *errors : ndarray
-        Errors in the order of `ERRORS`. [deg]
+        Errors of the mounts in the order of `ERRORS`. [deg]
 
     Returns
     -------
     tuple of ndarray, each of shape (..., W)
-        Factor [1], mean error and maximum error [mrad]; NaN for a window without instants.
+        Tracking factor [1], mean error and maximum error [mrad]; NaN for a window without instants.
     """
     if model not in MODELS:
         raise ValueError(f"unknown `model` {model!r}: use one of {', '.join(MODELS)}")
@@ -286,22 +288,22 @@ def largest_tilt(least: Callable[..., Floats], required: Floats, *mount: Floats)
     """Return the maximum tilt at which the minimum factor of a mount reaches the required factor.
 
     A tilt can compensate a home offset, so that the factor may rise with the tilt before it falls. Therefore, the
-    factor is first computed at the tilts of `SCAN`. The root is then searched beyond the last of these tilts that meets
-    the requirement. A separate range of larger tilts that meet the requirement is missed if it is narrower than a step
-    of the scan.
+    factor is first computed at the tilts of `SCAN`. The root is then searched between the last tilt of the scan that
+    meets the requirement and the next tilt. If a separate range of larger tilts also meets the requirement, this range
+    is missed if it is narrower than a step of the scan.
 
     Parameters
     ----------
     least : callable
-        Function of tilts [deg] and `mount`, all of the same shape, that returns minimum factors.
+        Function that returns minimum factors for tilts [deg] and `mount`, which are arrays of equal shapes.
     required, *mount : ndarray
-        Required factors [1] and other properties of the mounts; all are broadcast.
+        Required factors [1] and other properties of the mounts, which are broadcast.
 
     Returns
     -------
     ndarray
-        Maximum tilts: 0 if no tilt meets the requirement, NaN if the largest tilt of the scan meets it or if a mount
-        has no factor. [deg]
+        Maximum tilts; 0 if no tilt meets the requirement, NaN if the maximum tilt of the scan meets the requirement or
+        if a mount has no factor. [deg]
     """
     from scipy.optimize.elementwise import find_root
 
@@ -322,7 +324,7 @@ def _of_mounts(
     function: Callable[..., Floats], azimuth: ArrayLike, elevation: ArrayLike, mount: tuple[ArrayLike, ...],
     errors: Mapping[str, ArrayLike], words: Mapping[str, str], series: bool = False,
 ) -> Any:  # fmt: skip
-    """Call a function of mounts and of vectors to the sun, shape (T, 3).
+    """Call a function of mounts and of unit vectors to the sun, shape (T, 3).
 
     The function returns the shape (..., T), or (..., 1) if `series` is False. The result is a DataArray if any argument
     is a DataArray.

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from heliosweep.lazy import xr
 
-#: Items of `capital_cost` in their order.
+#: Items of the variable `capital_cost` in their order.
 ITEMS = ("site", "heliostats", "tower", "receiver", "other", "contingency", "land", "indirect", "sales_tax")
 
 
@@ -39,30 +39,31 @@ def capital_cost(
     Parameters
     ----------
     mirror_area : float, array or DataArray
-        Area of all mirrors. [m2]
+        Total area of all mirrors. [m2]
     tower_height : float, array or DataArray
         Height of the centre of the receiver. [m]
     receiver_area : float, array or DataArray
         Area of the absorbing surface. [m2]
     receiver_height, heliostat_height : float, array or DataArray
-        Height of the receiver from its lower to its upper edge, and height of a mirror. [m]
+        Height of the receiver from lower to upper edge, and height of a mirror. [m]
     land_area : float, array or DataArray
         Area of the land to buy. [m2]
     site_cost, heliostat_cost, land_cost : float, array or DataArray
-        Costs per mirror area, and cost per area of land. [m-2]
+        Cost of the site and of heliostats per mirror area, and cost of land per land area. [m-2]
     tower_cost, tower_scale : float, array or DataArray
-        Cost of a tower of zero height, and its exponential growth with height. [1, m-1]
+        Cost of a tower of zero height, and rate of the exponential growth of the cost with height. [1, m-1]
     receiver_cost, receiver_reference_area, receiver_exponent : float, array or DataArray
         Cost of a receiver of the reference area, the reference area [m2], and the exponent of the area.
     other_cost : float, array or DataArray
-        Other direct costs, e.g. storage and power block.
+        Other direct costs, such as the costs of storage and power block.
     contingency, indirect, sales_tax : float, array or DataArray
-        Fractions of the direct costs. [1]
+        Contingency as a fraction of the direct costs. Indirect costs and sales tax as fractions of the direct costs
+        with contingency. [1]
 
     Returns
     -------
     xarray.Dataset
-        `capital_cost` with the dimension item, and `total_capital_cost`.
+        Variables `capital_cost` with the dimension ``item``, and `total_capital_cost`.
 
     Raises
     ------
@@ -110,23 +111,23 @@ def levelized_cost(
     Parameters
     ----------
     capital : float, array or DataArray
-        Capital cost.
+        Capital cost, in any currency.
     energy : float, array or DataArray
-        Energy of a year. [MWh]
+        Energy in a year. [MWh]
     fixed_charge_rate : float, array or DataArray
         Fraction of the capital cost that is paid each year. [1]
     operation : float, array or DataArray
-        Cost of operation and maintenance per year.
+        Annual cost of operation and maintenance, in the currency of the capital cost.
 
     Returns
     -------
     float, array or DataArray
-        Levelized cost. [MWh-1]
+        Levelized cost, in the currency of the capital cost. [MWh-1]
 
     Raises
     ------
     ValueError
-        If a value is negative or not finite, or the energy is 0.
+        If a value is negative or not finite, or if the energy is 0.
 
     References
     ----------

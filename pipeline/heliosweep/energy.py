@@ -1,7 +1,7 @@
-"""Energy of a heliostat field: chain of losses from the sun to the receiver, sums over periods, and attenuation by air.
+"""Energy of a heliostat field, losses from the sun to the receiver, sums over periods, and attenuation by air.
 
-All functions accept arrays and require no study. Energies are in MWh, and irradiation in MWh m-2. An efficiency is the
-fraction of the light that remains after a stage.
+All functions accept arrays and require no study. Energies are in MWh, and irradiation is in MWh m-2. The efficiency of
+a stage is the fraction of the light that remains after the stage.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from heliosweep.lazy import xr
 
 #: Factor from irradiance [W m-2] times hours to irradiation [MWh m-2].
 MEGA = 1e-6
-#: Last part of a budget: the loss due to all causes together minus the sum of the losses due to each cause alone.
+#: Last part of a budget, which is the loss due to all causes minus the sum of the losses due to each cause alone.
 INTERACTION = "interaction"
-#: Formula of the transmittance over a slant range in km, for each model.
+#: Formula of each model for the transmittance over a slant range in km.
 _FORMULAS: dict[str, Callable[[Floats], Floats]] = {
     "none": np.ones_like,
     "delsol_clear": lambda r: 1 - (0.006789 + 0.1046 * r - 0.017 * r**2 + 0.002845 * r**3),
@@ -42,9 +42,9 @@ def transmittance(
     slant_range : float, array or DataArray
         Distance from the mirror to the receiver. [m]
     model : str
-        'none'; the polynomials 'delsol_clear' and 'delsol_hazy' (Kistler 1986), 'leary_hankins' (Leary and Hankins
-        1979), 'ballestrin_clear' and 'ballestrin_hazy' (Ballestrin and Marzo 2012); or 'vant_hull', the model of
-        Vant-Hull as implemented in open ray tracers, which uses the other parameters.
+        Model of the attenuation: 'none'; the polynomials 'delsol_clear' and 'delsol_hazy' (Kistler 1986),
+        'leary_hankins' (Leary and Hankins 1979), 'ballestrin_clear' and 'ballestrin_hazy' (Ballestrin and Marzo 2012);
+        or 'vant_hull', the model of Vant-Hull as implemented in open ray tracers, which uses the other parameters.
     visibility : float
         Visibility. [m]
     water_vapour : float
@@ -79,7 +79,7 @@ def transmittance(
     if model != "vant_hull" and model not in _FORMULAS:
         raise ValueError(f"`model` must be one of {', '.join(_FORMULAS)}, vant_hull (got {model!r})")
     far = np.asarray(slant_range, np.float64) / 1000.0
-    if model == "vant_hull":  # extinction by dust, whose density decreases with height, and by water vapour
+    if model == "vant_hull":  # extinction by water vapour, and by dust whose density decreases with height
         extinction = 3.912 / (visibility / 1000)
         thinning = (0.0112 * altitude / 1000 + 0.0822) * math.log((extinction + 0.0003 * water_vapour) / 0.00455)
         power = 1 - (0.00101 * water_vapour + 0.0507) / math.sqrt(extinction + 0.0091)
@@ -91,19 +91,20 @@ def transmittance(
 
 
 def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
-    """Return the energy lost at each stage of a chain.
+    """Return the energy lost at each stage of a chain of efficiencies.
 
     Parameters
     ----------
     incident : float or array
-        Energy before the first stage, e.g. per mirror area.
+        Energy before the first stage, for example per mirror area.
     left : sequence of float or array
         Energy that remains after each stage, in the order in which light passes through the stages.
 
     Returns
     -------
     ndarray, shape (stages, ...)
-        Losses, in the unit of the energies. Their sum is the incident energy minus the last energy.
+        Losses in the unit of the energies. The sum of the losses is the incident energy minus the energy after the last
+        stage.
 
     Examples
     --------
@@ -140,14 +141,14 @@ def error_budget(
     Returns
     -------
     xarray.Dataset
-        `loss` over ``part``: the loss due to each cause alone, and 'interaction', the rest. Their sum is the
-        undisturbed energy minus the actual energy. If `without` is given, `gain` over ``cause`` is the energy gained if
-        only this cause is removed. [MWh]
+        Variable `loss` over ``part``, which is the loss due to each cause alone, and the remainder 'interaction'. The
+        sum of all parts is the undisturbed energy minus the actual energy. If `without` is given, `gain` over ``cause``
+        is the energy gained by the removal of each cause. [MWh]
 
     Raises
     ------
     ValueError
-        If there is no cause, if a cause is named 'interaction', or if the causes of `without` differ.
+        If there is no cause, if a cause is named 'interaction', or if `alone` and `without` have different causes.
 
     Examples
     --------
@@ -181,7 +182,7 @@ def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:
     Parameters
     ----------
     values : ndarray, shape (T,) or (T, N)
-        Values at instants.
+        Values at T instants.
     month : ndarray of int, shape (T,)
         Number of the month of each instant, counted from 0.
     months : int
@@ -207,24 +208,24 @@ def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:
 def availability(
     start: ArrayLike, hours: ArrayLike, begin: ArrayLike, end: ArrayLike, *, yearly: bool = False
 ) -> Floats:  # fmt: skip
-    """Compute the fraction of each interval that is outside all outages.
+    """Compute the fraction of each time interval that is outside all outages.
 
     Parameters
     ----------
     start : array of datetime64, shape (T,)
-        Start of each interval.
+        Start of each time interval.
     hours : float or array, shape (T,)
         Length of each interval, below 1 day. [h]
     begin, end : array of datetime64, shape (n,)
         Start and end of each outage.
     yearly : bool
-        If True, outages recur each year, and the years of all dates are ignored, as for a typical year. An outage then
-        includes 1 January if its end has an earlier date than its start.
+        If True, outages recur each year, and the years of all dates are ignored, as for a typical year. If the end of
+        an outage then has an earlier date than its start, the outage includes 1 January.
 
     Returns
     -------
     ndarray, shape (T,)
-        Available fraction of each interval, for example as a stage of `annual_energy`. [1]
+        Fraction of each interval without an outage, for example for use as a stage of `annual_energy`. [1]
 
     Raises
     ------
@@ -275,12 +276,13 @@ def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "wea
     probability : float or array, shape (n,)
         Probabilities of exceedance, between 0 and 1. [1]
     dim : str
-        Dimension of the years of a DataArray.
+        Dimension of a DataArray along which the years are ordered.
 
     Returns
     -------
     ndarray, shape (..., n), or DataArray
-        Exceeded values. In a DataArray, the dimension ``exceedance`` replaces the years.
+        Values that the yearly results exceed. In a DataArray, the dimension ``exceedance`` replaces the dimension of
+        the years.
 
     Raises
     ------
@@ -310,7 +312,7 @@ def annual_energy(
     dni: ArrayLike, hours: ArrayLike, efficiencies: Mapping[str, ArrayLike], area: ArrayLike = 1.0, *,
     month: ArrayLike | None = None, works: ArrayLike = True,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the energy on the receiver over a period, and the losses.
+    """Compute the energy on the receiver over a period, and the losses before the receiver.
 
     The energy of a heliostat is
 
@@ -323,12 +325,12 @@ def annual_energy(
     dni : array or DataArray, shape (T,)
         Direct normal irradiance; 0 if the sun is below the horizon. [W m-2]
     hours : float or array, shape (T,)
-        Length of the interval of each instant. [h]
+        Length of the time interval of each instant. [h]
     efficiencies : mapping of str to float or array, shape (), (T,), (1, N) or (T, N)
         Fraction of the light that remains after each stage, in the order in which light passes through the stages, such
-        as cosine, shading and blocking, reflection, attenuation and intercept; NaN is treated as 0.
+        as cosine, shading and blocking, reflection, attenuation and intercept. NaN is treated as 0. [1]
     area : float or array, shape (N,)
-        Mirror area. [m2]
+        Mirror area of each heliostat. [m2]
     month : array of int, shape (T,), optional
         Month of each instant, from 1 to 12, for monthly sums.
     works : bool or array, shape (T,)
@@ -337,13 +339,13 @@ def annual_energy(
     Returns
     -------
     xarray.Dataset
-        `incident_energy` and `receiver_energy` of each heliostat; `loss` over ``stage``, of which 'stow' is the first;
-        `field_energy`; and `monthly_receiver_energy` if `month` is given. [MWh]
+        Variables `incident_energy` and `receiver_energy` of each heliostat; `loss` over ``stage``, of which the first
+        is 'stow'; `field_energy`; and `monthly_receiver_energy` if `month` is given. [MWh]
 
     Raises
     ------
     ValueError
-        If the shapes do not match, or an irradiance is negative or not finite.
+        If the shapes do not match, or if an irradiance is negative or not finite.
 
     Examples
     --------
@@ -385,7 +387,7 @@ def annual_energy(
 def receiver_heat(
     power: ArrayLike, absorptance: ArrayLike = 1.0, losses: ArrayLike = 0.0, *, table: ArrayLike | None = None
 ) -> Any:
-    """Compute the heat of a receiver from the power of the light on it.
+    """Compute the heat of a receiver from the power of the light on the receiver.
 
         heat = max(absorptance * power - losses, 0)
 
@@ -400,8 +402,8 @@ def receiver_heat(
     losses : float, array or DataArray
         Thermal losses of the receiver in operation, in the unit of the power. Multiply losses per area by the area.
     table : array, shape (2, n), optional
-        Powers in ascending order, and additional losses at these powers; interpolated linearly, and constant beyond the
-        ends.
+        Powers in ascending order, and additional losses at these powers. The losses are interpolated linearly between
+        the powers, and are constant beyond the ends of the table.
 
     Returns
     -------
@@ -415,8 +417,8 @@ def receiver_heat(
 
     References
     ----------
-    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 4: an external receiver loses
-    heat by radiation and convection, which depend on the temperatures of its tubes. `losses` is their sum.
+    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 4: heat losses of an external
+    receiver by radiation and convection, which depend on the temperatures of the tubes. `losses` is the sum of both.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""Efficiencies of a heliostat field without optics: cosine, exact shading and blocking of flat rectangular mirrors.
+"""Cosine, shading and blocking efficiencies of a heliostat field with flat rectangular mirrors, without optics.
 
-Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg].
+Coordinates are x east, y north and z up [m]. Azimuths run clockwise from north [deg].
 """
 
 from __future__ import annotations
@@ -35,31 +35,32 @@ def field_efficiency(
 ) -> xr.Dataset:  # fmt: skip
     """Compute cosine, shading and blocking efficiencies of each heliostat of a field.
 
-    Areas are exact: all other mirrors are projected onto the mirror, along the sun's rays for shading and along the ray
-    to the aim point for blocking. The union of the projections is then computed. The shadow of the tower is added as
-    another polygon.
+    Shaded and blocked areas are exact. All other mirrors are projected onto the mirror, along the sun's rays for
+    shading and along the ray to the aim point for blocking. The lost area is the area of the union of the projections.
+    The shadow of the tower is another polygon of this union.
 
     Parameters
     ----------
     layout : array, DataFrame, Dataset or mapping
         Centres of the mirrors: shape (N, 3), or with columns x, y and z. [m]
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
-        Direction to the sun. [deg]
+        Azimuth and elevation of the sun. [deg]
     width, height : float or array, shape (N,)
         Sides of the mirrors. [m]
     aim : float or array, shape (3,) or (N, 3)
-        Aim points; a single number is the height of a point at x = y = 0. [m]
+        Aim points, or the height of an aim point at x = y = 0. [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}
-        Tracking method: the width of a mirror is horizontal, or perpendicular to the plane of sun and aim point.
+        Tracking method. The width of a mirror is horizontal ('azimuth_elevation'), or perpendicular to the plane of the
+        sun and the aim point ('spinning_elevation').
     tower : (float, float), optional
-        Radius and top height of a tower at x = y = 0 that casts a shadow. The shadow has a straight end and the same
-        area as the shadow of a cylinder. [m]
+        Radius and top height of a tower at x = y = 0 that casts a shadow. The shadow has a straight end, and its area
+        is equal to the area of the shadow of a cylinder. [m]
 
     Returns
     -------
     xarray.Dataset
-        `cosine_efficiency`, `shading_efficiency`, `blocking_efficiency` and `optical_efficiency` with the dimensions
-        time (omitted for a single sun) and heliostat; NaN if the sun is below the horizon. [1]
+        Variables `cosine_efficiency`, `shading_efficiency`, `blocking_efficiency` and `optical_efficiency` with the
+        dimensions time (omitted for a single instant) and heliostat; NaN if the sun is below the horizon. [1]
 
     Raises
     ------

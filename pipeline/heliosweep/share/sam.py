@@ -6,8 +6,8 @@ The conventions follow the source code of NREL's ssc and SolarPILOT:
   efficiency. SAM interpolates at the azimuth of its weather reader, clockwise from north, 0 to 360 deg
   (`C_pt_sf_perf_interp::call`), without periodicity. If the azimuth 0 or 360 deg exists, both are therefore written.
   Rows with the sun below the horizon are omitted, because SAM stops the field at night. Each row has a flux map
-  (``flux_maps``) with the fraction of the light on each column of the receiver. The columns of a cylinder run from south
-  over east, north and west. SAM sums the flux over the height.
+  (``flux_maps``) with the fraction of the light on each column of the receiver. The columns of a cylinder run from
+  south over east, north and west. SAM sums the flux over the height.
 - SAM's generic solar field reads a matrix. The first column contains ascending zenith angles, the first row contains
   ascending azimuths, and the first cell is empty. Azimuth 0 is south, east is negative, and west is positive
   (`C_csp_gen_collector_receiver`).
