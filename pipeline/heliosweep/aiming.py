@@ -101,12 +101,12 @@ def choose_aims(
 
         D(lambda) = sum_i max(0, max_a (P_ia - sum_c lambda_c F_iac)) + sum_c lambda_c L_c
 
-    is an upper bound of the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer programming",
-    Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises D in rounds of decreasing smoothing. Each
-    round ends with a choice from the shares of the aim points. Each heliostat in turn is assigned the aim point with
-    the maximum power minus a penalty for the overload of cells. The penalty increases until no cell exceeds its limit.
-    Then heliostats move to better aim points within the limits. For small problems, HiGHS computes the best choice by
-    branch and bound.
+    is an upper bound of the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer
+    programming", Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises D in rounds of decreasing
+    smoothing. Each round ends with a choice from the shares of the aim points. Each heliostat in turn is assigned the
+    aim point with the maximum power minus a penalty for the overload of cells. The penalty increases until no cell
+    exceeds its limit. Then heliostats move to better aim points within the limits. For small problems, HiGHS computes
+    the best choice by branch and bound.
 
     Examples
     --------

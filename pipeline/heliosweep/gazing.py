@@ -1,8 +1,8 @@
-"""Backward gazing, without a study: slopes of a mirror from camera images of the reflected sun.
+"""Backward gazing, without a study file, for the slopes of a mirror from camera images of the reflected sun.
 
-Azimuths run from south towards east. On the mirror, y points to the right and z up as seen from the target, where the
-cameras are located. Slopes are the horizontal and vertical components of the normal relative to the ideal mirror, a
-sphere. Angles are in degrees and slopes in milliradians; brightness is relative to the centre of the sun's disc.
+Azimuths run from south towards east. On the mirror, y points to the right and z up as seen from the cameras at the
+target. Slopes are the horizontal and vertical components of the normal relative to the ideal mirror, a
+sphere. Angles are in degrees, and slopes are in milliradians. Brightness is relative to the centre of the sun's disc.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def gazing_scene(
     Parameters
     ----------
     sun_azimuth, sun_elevation : float
-        Direction to the sun. [deg]
+        Azimuth and elevation of the sun. [deg]
     target_azimuth, target_elevation : float
         Direction from the mirror to the target. [deg]
     distance : float
@@ -44,12 +44,12 @@ def gazing_scene(
         Focal length of the ideal mirror (default: the distance). [m]
     cameras : {'square', 'cross'} or array, shape (K, 2)
         Arrangement of four cameras, or positions of K cameras in the plane of the target. The first coordinate points
-        to the side that is east if the target faces north, the second coordinate points up. [m]
+        to the side that is east for a target that faces north. The second coordinate points up. [m]
     radius : float
         Distance of each camera from the target's centre. [m]
     tilt, face : float
-        Tilt of the target from the vertical, positive if it faces down to the mirror, and its rotation about the
-        vertical, 0 for mirrors to the north. [deg]
+        Tilt of the target from the vertical, positive if the target faces down to the mirror, and rotation of the
+        target about the vertical, 0 for mirrors to the north. [deg]
 
     Returns
     -------
@@ -59,8 +59,8 @@ def gazing_scene(
     Raises
     ------
     ValueError
-        If the sun is opposite the target, or if there are fewer than three cameras or all lie in one line as seen from
-        the mirror.
+        If the sun is opposite the target, or if there are fewer than three cameras, or if all cameras lie on one line
+        as seen from the mirror.
 
     Examples
     --------
@@ -89,8 +89,8 @@ def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLik
     y, z : array, shape (ny,) and (nz,), optional
         Positions on the mirror (default: coordinates of `slope_x`). [m]
     sun_profile : (array, array), optional
-        Angles from the disc centre, ascending from 0 [mrad], and brightness at these angles [1] (default: the formula
-        of Jose).
+        Angles from the centre of the sun's disc in ascending order from 0 [mrad], and brightness at these angles [1]
+        (default: the formula of Jose).
 
     Returns
     -------
@@ -132,7 +132,7 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     scene : Scene
         From `gazing_scene`, with K cameras.
     images : array or DataArray, shape (K, nz, ny)
-        Brightness relative to the centre of the sun at points of the mirror; NaN for pixels to ignore. [1]
+        Brightness at points of the mirror relative to the centre of the sun; NaN for pixels to ignore. [1]
     y, z : array, shape (ny,) and (nz,), optional
         Positions on the mirror (default: coordinates of `images`). [m]
     method : {'LM', 'A', 'O1', 'O2'}
@@ -143,21 +143,21 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     threshold : float
         Minimum brightness at which a camera counts as lit. [1]
     fit_gain : bool
-        If True, fit a gain for each pixel, common to all cameras. The method A does not use it.
+        If True, fit a gain for each pixel that is common to all cameras. The method A does not use this option.
     sun_profile : (array, array), optional
         As in `render_images`.
 
     Returns
     -------
     Dataset, dimensions z and y
-        `slope_x` and `slope_y`, horizontal and vertical, relative to the ideal mirror; NaN if fewer than three cameras
-        are lit [mrad]. `lit_cameras` is the number of lit cameras. `quality` is a sum of flags: 1 if the fit did not
-        converge, 2 if fewer than three cameras are lit, 4 if a camera looks outside the disc.
+        `slope_x` and `slope_y` are the horizontal and vertical slopes relative to the ideal mirror; NaN if fewer than
+        three cameras are lit [mrad]. `lit_cameras` is the number of lit cameras. `quality` is a sum of flags: 1 if the
+        fit did not converge, 2 if fewer than three cameras are lit, 4 if a camera looks outside the sun's disc.
 
     Raises
     ------
     ValueError
-        If the shapes do not match or a method or referential is unknown.
+        If the shapes do not match, or if the method or the referential is unknown.
 
     References
     ----------
@@ -198,7 +198,8 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
     Parameters
     ----------
     points : array, shape (n, 2) or (n, 3)
-        Points of the mirror relative to its centre, with components to the right and up as seen from the target. [m]
+        Points of the mirror relative to the mirror centre, with components to the right and up as seen from the target.
+        [m]
     normals : array, shape (n, 3)
         Normals of the surface, of any length, with components to the right, up and towards the target.
     step : float
@@ -207,9 +208,9 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
     Returns
     -------
     xarray.Dataset
-        `slope_x` and `slope_y` over z (up) and y (right): slopes of the normal relative to the plane of the mirror,
-        positive to the right and upwards [mrad]; NaN in cells without a point. If they are saved as a NetCDF file for
-        `optics.slope_map`, they replace focus and canting.
+        Slopes `slope_x` and `slope_y` of the normal relative to the plane of the mirror, over z (up) and y (right).
+        Slopes are positive to the right and upwards, and NaN in cells without a point [mrad]. If the slopes are saved
+        as a NetCDF file for `optics.slope_map`, they replace focus and canting.
 
     Raises
     ------
@@ -259,13 +260,13 @@ class Found(NamedTuple):
     slopes : ndarray, shape (M, T, 2, N)
         Slopes relative to the ideal mirror; NaN if fewer than 3 cameras are lit. [rad]
     lit : ndarray of int, shape (N,)
-        Bit i is set if camera i is lit.
+        Bit field for each pixel, in which bit i is set if camera i is lit.
     quality : ndarray of int, shape (M, N)
-        Bits NOT_CONVERGED, UNLIT and OUTSIDE of the kernels.
+        Bit field with the bits NOT_CONVERGED, UNLIT and OUTSIDE of the kernels.
     fit : SlopeFit or None
-        Result of LM, if it is among the methods.
+        Result of the method LM, or None if LM is not among the methods.
     evaluations : ndarray, shape (M,)
-        Mean number of evaluations of the merit function per pixel with slopes; 0 for A.
+        Mean number of evaluations of the merit function for each pixel with slopes; 0 for the method A.
     """
 
     slopes: Floats
@@ -281,8 +282,8 @@ def find_slopes(
 ) -> Found:  # fmt: skip
     """Reconstruct slopes by several methods from one set of images (K, N) at pixels (2, N) [m].
 
-    `referentials` are rows of `geometry.transfers`. If `smooth` is True, LM uses only the smooth fit of a tabulated
-    profile.
+    `referentials` are indices of rows of `geometry.transfers`. If `smooth` is True, the method LM uses only the smooth
+    fit of a tabulated sun profile.
     """
     every = geometry.transfers(layout)
     matrices = np.ascontiguousarray(every[list(referentials)])
@@ -315,7 +316,7 @@ def _profile(given: Any) -> Profile:
 
 
 def _on_grid(first: Any, y: ArrayLike | None, z: ArrayLike | None, *maps: Any) -> tuple[Floats, Floats, Floats]:
-    """Return positions along y and z, and maps as one array, shape (maps, nz, ny)."""
+    """Return the positions along y and z, and all maps in one array, shape (maps, nz, ny)."""
     labels = getattr(first, "coords", {})
     places = [labels.get(name) if given is None else given for name, given in (("y", y), ("z", z))]
     if any(each is None for each in places):
@@ -328,12 +329,12 @@ def _on_grid(first: Any, y: ArrayLike | None, z: ArrayLike | None, *maps: Any) -
 
 
 def _pixels(y: Floats, z: Floats) -> Floats:
-    """Return y and z of all pixels of a grid, shape (2, N)."""
+    """Return the positions y and z of all pixels of a grid, shape (2, N)."""
     return np.array([np.tile(y, z.size), np.repeat(z, y.size)])
 
 
 def _labelled(values: Floats, dims: tuple[str, ...], y: Floats, z: Floats, attrs: dict[str, Any]) -> Any:
-    """Return values over (`dims`, z, y) as a DataArray; cameras are numbered from 1."""
+    """Return values over (`dims`, z, y) as a DataArray, in which cameras are numbered from 1."""
     labels = {"z": ("z", z, {"units": "m"}), "y": ("y", y, {"units": "m"})}
     numbers: Any = {"camera": np.arange(1, len(values) + 1)} if dims else {}
     return xr.DataArray(values, {**numbers, **labels}, (*dims, "z", "y"), attrs=attrs)

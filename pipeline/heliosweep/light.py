@@ -1,6 +1,6 @@
-"""Ray tracing of a heliostat field, without a study: shading, blocking, intercept and flux.
+"""Ray tracing of a heliostat field, without a study file, for shading, blocking, intercept and flux.
 
-Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg].
+Coordinates are x east, y north and z up [m]. Azimuths run clockwise from north [deg].
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from heliosweep.sun import direction
 #: Dimensions of flux maps.
 _CELLS = ("flux_row", "flux_column")
 TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
-#: Maximum number of rows and of columns of a flux map; maximum angle of a sun shape from the sun's centre [mrad].
+#: Maximum number of rows and of columns of a flux map, and maximum angle of a sun shape from the sun's centre [mrad].
 _MOST_CELLS, WIDEST = 1000, 100.0
 #: Number of arguments of each sun shape.
 _SUN_SHAPES = {"pillbox": 0, "gaussian": 0, "limb_darkened": 0, "jose": 0, "buie": 1, "table": 2}
@@ -40,7 +40,7 @@ _PARTS = {
 class Cylinder(NamedTuple):
     """Receiver on the outside of an upright cylinder at x = y = 0.
 
-    The attributes are the height of the centre, the radius, and the height from the lower to the upper edge. [m]
+    The attributes are the height of the centre, the radius, and the height from lower to upper edge. [m]
     """
 
     height: float
@@ -52,8 +52,8 @@ class Rectangle(NamedTuple):
     """Receiver that is a rectangle, or the aperture of a cavity, at x = y = 0.
 
     The attributes are the height of the centre, the width, and the height along the face [m]. Further attributes are
-    the azimuth of the normal, 0 for a field to the north, and the tilt of the normal above the horizontal, negative if
-    the receiver faces down [deg].
+    the azimuth of the normal, 0 for a field to the north, and the tilt of the normal above the horizontal, which is
+    negative if the receiver faces down [deg].
     """
 
     height: float
@@ -89,49 +89,50 @@ def field_scene(
     layout : array, DataFrame, Dataset or mapping
         Centres of the mirrors: shape (N, 3), or with columns x, y and z. [m]
     receiver : Cylinder or Rectangle
-        Receiver.
+        Receiver of the field.
     width, height : float or array, shape (N,)
         Sides of the mirrors. [m]
     aim : array, shape (3,) or (N, 3), optional
-        Points that the mirrors aim at, not behind the receiver (default: the centre of a rectangle, or the nearest
-        point of a cylinder's surface at half its height). [m]
+        Aim points of the mirrors, which must not be behind the receiver (default: the centre of a rectangle, or the
+        nearest point on the surface of a cylinder at half of its height). [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}
-        Tracking method: the width of a mirror is horizontal, or perpendicular to the plane of sun and aim point.
+        Tracking method. The width of a mirror is horizontal ('azimuth_elevation'), or perpendicular to the plane of the
+        sun and the aim point ('spinning_elevation').
     focus : 'flat', 'slant', float or array, shape (N,) or (N, 2)
-        Focal length of the mirror or of its facets; 'slant' means the distance to the aim point. Two values apply along
-        the width and the height. [m]
+        Focal length of the mirror or of its facets; 'slant' means the distance to the aim point. If two values are
+        given, they apply along the width and along the height. [m]
     facets : (int, int, float)
-        Numbers of columns and rows of facets, and the gap between facets [m].
+        Number of columns and number of rows of facets, and gap between facets [m].
     canting : 'none', 'on_axis', float or array, shape (N,)
         Focal length of the canting; 'on_axis' means the distance to the aim point. [m]
     slope_error : float or array, shape (2,), (N,) or (N, 2)
-        Standard deviation of the normal along the width and the height. [mrad]
+        Standard deviation of the slope error of the normal along the width and the height. [mrad]
     specularity_error : float or array, shape (N,)
-        Standard deviation of the reflected ray, per axis. [mrad]
+        Standard deviation of the direction of the reflected ray per axis, due to specularity. [mrad]
     tracking_error : float or array, shape (N,)
-        Standard deviation of the normal due to random tracking errors, per axis. [mrad]
+        Standard deviation of the direction of the normal per axis, due to random tracking errors. [mrad]
     pointing_error : array, shape (2,) or (N, 2)
         Fixed rotation of the normal along the width and the height. [mrad]
     slope_map : (x, y, slope), optional
-        Evenly spaced positions x of shape (C,) and y of shape (R,) on a mirror [m], and fixed slopes at these
-        positions, shape (R, C, 2), or (N, R, C, 2) if each mirror has its own map [mrad]. Missing slopes (NaN) are
-        replaced by the nearest slopes.
+        Evenly spaced positions x of shape (C,) and y of shape (R,) on a mirror [m], and slopes at these positions of
+        shape (R, C, 2), or (N, R, C, 2) if each mirror has its own map [mrad]. Missing slopes (NaN) are replaced by the
+        nearest slopes.
     sun_shape : str or tuple
         'pillbox', 'gaussian', 'limb_darkened', 'jose', ('buie', circumsolar ratio), or ('table', angles [mrad],
         brightness), with angles from 0 to at most 100 mrad.
     tower : (float, float), optional
-        Radius and top height of a tower at x = y = 0 that casts a shadow, below the receiver. [m]
+        Radius and top height of a tower below the receiver at x = y = 0, which casts a shadow. [m]
 
     Returns
     -------
     Scene
-        Scene for `trace_field`, `trace_year` and `hflcal`, which also accept these arguments.
+        Scene for `trace_field`, `trace_year` and `hflcal`, which also accept the arguments of this function.
 
     Raises
     ------
     ValueError
-        If the shapes do not match, a name is unknown, or a mirror, an aim point or the receiver is in an impossible
-        position. The message names the argument and the heliostat.
+        If the shapes do not match, if a name is unknown, or if the position of a mirror, an aim point or the receiver
+        is impossible. The message names the argument and the heliostat.
 
     Examples
     --------
@@ -211,28 +212,27 @@ def trace_field(
 ) -> xr.Dataset:  # fmt: skip
     """Trace the light of a heliostat field at one or more instants.
 
-    A ray starts at a point of the reflecting area. Other mirrors, treated as planes, can shade the ray on its way from
-    the sun and block it on its way to the receiver. The point at which the ray meets the receiver is computed with the
-    curved surface of the mirror.
+    Each ray starts at a point of the reflecting area. Other mirrors, which are treated as planes, can shade the ray on
+    its way from the sun and block the ray on its way to the receiver. The intersection of the ray with the receiver is
+    computed with the curved surface of the mirror.
 
     Parameters
     ----------
     layout : array, DataFrame, Dataset, mapping or Scene
-        Centres of the mirrors as in `field_scene`, or a scene.
+        Centres of the mirrors as in `field_scene`, or a scene of `field_scene`.
     receiver : Cylinder or Rectangle
         Receiver; omit it if `layout` is a scene.
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Direction to the sun. [deg]
     rays : int, optional
-        Number of rays for each heliostat and instant, rounded up to 16, 32 or a power of two. By default, it is chosen
-        to reach `precision` at the quartiles of the sun's elevation.
+        Number of rays for each heliostat and instant, rounded up to 16, 32 or a power of two (default: the number that
+        reaches `precision` at the quartiles of the sun's elevation).
     precision : float
-        Relative standard error of the light of the whole field, at least 1e-6. The errors of cells are at most 40 times
-        this value, relative to the peak. The errors of heliostats are at most 6 times this value, relative to the light
-        on their area.
+        Relative standard error of the light of the whole field, at least 1e-6. The standard errors of cells relative to
+        the peak are at most 40 times this value. The standard errors of heliostats relative to the light on their area
+        are at most 6 times this value.
     seed : int
-        Seed of the random numbers. The rays depend only on the seed and on the indices of the heliostat and the
-        instant.
+        Seed of the random numbers. The rays depend only on the seed and on the indices of heliostat and instant.
     flux_map : (int, int), optional
         Numbers of rows and columns of cells on the receiver, each at most 1000. Rows count upwards. Columns count from
         left to right as seen from the field, or, on a cylinder, clockwise from north.
@@ -248,11 +248,11 @@ def trace_field(
     Returns
     -------
     xarray.Dataset
-        Efficiencies over time (omitted for a single sun) and heliostat: `cosine_efficiency`, `shading_efficiency`,
+        Efficiencies over time (omitted for a single instant) and heliostat: `cosine_efficiency`, `shading_efficiency`,
         `blocking_efficiency`, `optical_efficiency`, `intercept_efficiency` and `receiver_efficiency` = optical times
         intercept efficiency, each with its standard error as ``*_error``; NaN if the sun is below the horizon. If
-        `flux_map` is given, the variables `flux_map` and `peak_flux` [kW m-2] and their errors are added. They apply to
-        a reflectivity of 1 and no attenuation.
+        `flux_map` is given, the variables `flux_map` and `peak_flux` [kW m-2] and their errors are added. The flux is
+        computed for a reflectivity of 1 and no attenuation.
 
     Raises
     ------
@@ -261,8 +261,8 @@ def trace_field(
 
     Notes
     -----
-    Each result is the mean of 8 independent scrambled Sobol sequences; 95 % of the errors are within about two standard
-    errors (Student's t). References: docs/light.md.
+    Each result is the mean of 8 independent scrambled Sobol sequences. Two standard errors include about 95 % of the
+    errors (Student's t). The references are listed in docs/light.md.
 
     Examples
     --------
@@ -283,7 +283,7 @@ def trace_field(
     each = _rays_for(scene, [sun[one] for one in some], None, rays, precision, cells, area, seed, instants)
     given: dict[str, Any] = {"rays": each, "seed": seed, "cells": cells, "threads": threads, "share": area}
     given["cuda"] = _on_device(device)
-    length = 1 if cells is not None else max(1, 20_000 // len(area))  # instants whose sums are in memory
+    length = 1 if cells is not None else max(1, 20_000 // len(area))  # number of instants with sums in memory
     variables, shape, efficiency, maps = dict[str, Any](), (*dims, "heliostat"), [], []
     for first in range(0, instants, length):
         last = min(first + length, instants)
@@ -320,20 +320,20 @@ def trace_year(
     layout, receiver, sun_azimuth, sun_elevation, rays, precision, seed, threads, device, **field
         As in `trace_field`, with T instants.
     irradiation : float, array or DataArray, shape (T,)
-        Direct normal irradiation of the interval of each instant; 0 if the field does not operate. [MWh m-2]
+        Direct normal irradiation in the time interval of each instant; 0 if the field does not operate. [MWh m-2]
     reflectivity : float or array, shape (T,)
         Fraction of the light that mirrors reflect, including cleanliness. [1]
     transmittance : float or array, shape (N,)
         Fraction of the light that the air transmits on the way to the receiver. [1]
     flux_map : (int, int), optional
-        Rows and columns of cells on the receiver.
+        Numbers of rows and columns of cells on the receiver.
 
     Returns
     -------
     xarray.Dataset
-        Variables over heliostat: the efficiencies of `trace_field`, as means weighted by irradiation, and
-        `receiver_energy` [MWh]. `field_energy` is the sum of the energies [MWh]. If `flux_map` is given, the variables
-        `flux_map` and `peak_flux` [MWh m-2] are added. Standard errors are named ``*_error``.
+        Variables over heliostat are the efficiencies of `trace_field` as means weighted by irradiation, and
+        `receiver_energy` [MWh]. `field_energy` is the sum of the energies of all heliostats [MWh]. If `flux_map` is
+        given, the variables `flux_map` and `peak_flux` [MWh m-2] are added. Standard errors are named ``*_error``.
 
     Raises
     ------
@@ -383,10 +383,10 @@ def hflcal(
 ) -> Floats:  # fmt: skip
     """Return the intercept of each heliostat by HFLCAL, which models each image as a round Gaussian.
 
-    Results are accurate to a few percent. The variance of the image has two parts. The first part is due to sun, slopes
-    and specularity over the slant range D. The second part is due to astigmatism: 1/32 of the sum of the squares of d
-    (D / f - cos i) and d (D cos i / f - 1), where d is the square root of the mirror area, f the focal length and i the
-    angle of incidence. The image is widened by the cosine of incidence on the receiver.
+    The results are accurate to a few percent. The variance of the image has two parts. The first part is due to sun,
+    slopes and specularity over the slant range D. The second part is due to astigmatism and is 1/32 of the sum of the
+    squares of d (D / f - cos i) and d (D cos i / f - 1), where d is the square root of the mirror area, f the focal
+    length and i the angle of incidence. The image is widened by the cosine of incidence on the receiver.
 
     Parameters
     ----------
@@ -396,7 +396,7 @@ def hflcal(
     Returns
     -------
     ndarray, shape (T, N)
-        Intercept; NaN if the sun is below the horizon. [1]
+        Intercept of each heliostat; NaN if the sun is below the horizon. [1]
 
     References
     ----------
@@ -442,13 +442,13 @@ def image_radius(flux: xr.DataArray) -> xr.DataArray:
     Parameters
     ----------
     flux : DataArray, shape (..., flux_row, flux_column)
-        Flux or energy on the cells of a plane receiver. The coordinates are the centres of the cells [m], as in results
-        of studies; without coordinates, the unit is a cell.
+        Flux or energy on the cells of a plane receiver. The coordinates are the centres of the cells, as in results of
+        studies [m]. Without coordinates, the unit of length is the side of a cell.
 
     Returns
     -------
     DataArray, shape (...)
-        Radius about the centroid of the light, in the unit of the coordinates [m]; NaN if there is no light.
+        Radius about the centroid of the light in the unit of the coordinates, such as m; NaN if there is no light.
 
     Examples
     --------
@@ -465,7 +465,7 @@ def image_radius(flux: xr.DataArray) -> xr.DataArray:
 
 
 def mirror_area(width: Floats, height: Floats, facets: Any = None) -> Floats:
-    """Return the reflecting area of mirrors, without the gaps between their columns and rows of facets. [m2]"""
+    """Return the reflecting area of mirrors, which does not include the gaps between facets. [m2]"""
     if facets is None:
         return width * height
     return (width - (facets.columns - 1) * facets.gap) * (height - (facets.rows - 1) * facets.gap)
@@ -497,7 +497,7 @@ def per_item(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, mo
 
 
 def _on_device(device: str) -> bool:
-    """Return True if the device is a graphics processor. Raises ValueError if there is none."""
+    """Return True if the device is a graphics processor. Raises ValueError if no graphics processor is available."""
     if device not in ("cpu", "cuda"):
         raise ValueError(f"`device` must be 'cpu' or 'cuda' (got {device!r})")
     if device == "cuda" and (problem := device_problem()):
@@ -535,7 +535,7 @@ def _receiver(receiver: Cylinder | Rectangle) -> kernel.Receiver:
 
 
 def mirror_centres(layout: Any, argument: str = "layout") -> Floats:
-    """Return the centres of mirrors, or points given by another argument, shape (N, 3)."""
+    """Return the centres of mirrors, or the points that another argument contains, shape (N, 3)."""
     if hasattr(layout, "keys"):
         missing = [axis for axis in "xyz" if axis not in layout]
         if missing:
@@ -564,7 +564,7 @@ def _refuse(name: str, wrong: Any, words: str) -> None:
 
 
 def _curve(name: str, given: ArrayLike | str, none: str, own: str, slant: Floats) -> Floats:
-    """Return 1 / (2 * focal length), shape (N, 2). [1/m]"""
+    """Return the curvature parameters 1 / (2 * focal length) of mirrors, shape (N, 2). [m-1]"""
     if isinstance(given, str):
         if given not in (none, own):
             raise ValueError(f"`{name}` must be '{none}', '{own}' or focal lengths in m (got {given!r})")
@@ -617,7 +617,7 @@ def _rays_for(
     scene: kernel.Scene, suns: list[Floats], weights: Floats | None, rays: int | None, precision: float, cells: Any,
     share: Floats, seed: int, instants: int,
 ) -> int:  # fmt: skip
-    """Return the number of rays for each heliostat and instant, as given or as required by the precision."""
+    """Return `rays` rounded up, or the number of rays for each heliostat and instant that reaches `precision`."""
     if not 1e-6 <= precision < 1.0:
         raise ValueError(f"`precision` must be at least 1e-6 and below 1 (got {precision:g})")
     if seed < 0:
@@ -635,7 +635,7 @@ def _rays_for(
 
 
 def _efficiencies(sums: Floats, total: float) -> dict[str, tuple[Floats, Floats]]:
-    """Return means and standard errors of efficiencies; sums have the replicates first and the quantities last."""
+    """Return means and standard errors of efficiencies from sums with replicates first and quantities last."""
     index = (kernel.COSINE, kernel.UNSHADED, kernel.UNBLOCKED, kernel.OPTICAL, kernel.LIGHT)
     names = [name for name in _PARTS if name != "intercept_efficiency"]
     found = {name: kernel.mean_error(sums[..., k] / total) for name, k in zip(names, index, strict=True)}
@@ -658,7 +658,7 @@ def cell_area(receiver: kernel.Receiver, cells: Any) -> float:
 
 
 def _map_variables(maps: Sequence[NDArray[Any]], dims: tuple[str, ...], units: str, words: str) -> dict[str, Any]:
-    """Return flux maps and their peaks with standard errors, from the maps of each replicate at the given instants."""
+    """Return flux maps and their peaks with standard errors, computed from the maps of each replicate."""
     found = dict[str, Any]()
     for name, cells, of, way in (
         ("flux_map", _CELLS, kernel.mean_error, "mean of each cell"),
@@ -673,13 +673,13 @@ def _map_variables(maps: Sequence[NDArray[Any]], dims: tuple[str, ...], units: s
 def _dataset(
     variables: dict[str, Any], coordinates: dict[str, Any], scene: kernel.Scene, layout: Any, rays: int, seed: int
 ) -> xr.Dataset:
-    """Return a labelled result. Heliostats are labelled by the index of the layout or by numbers from 1."""
+    """Return a data set with labels. The labels of heliostats are the index of the layout or numbers from 1."""
     attributes = {"rays": kernel.block_rays(rays), "seed": seed}
     return xr.Dataset(variables, {**heliostat_coordinates(layout, scene.centre), **coordinates}, attributes)
 
 
 def heliostat_coordinates(layout: Any, centre: Floats, point: str = "mirror's centre") -> dict[str, Any]:
-    """Return the coordinates of heliostats: the index of the layout or numbers from 1, and their positions."""
+    """Return the labels of heliostats (index of the layout or numbers from 1) and their positions as coordinates."""
     index = getattr(layout, "index", None)
     places = {
         axis: ("heliostat", centre[:, k], {"units": "m", "long_name": f"{words} of the {point}"})

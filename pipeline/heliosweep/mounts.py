@@ -1,12 +1,13 @@
-"""Mounts of heliostats, without a study: encoder angles, spots, deviation curves and calibration.
+"""Encoder angles, spots, deviation curves and calibration of heliostat mounts, without a study file.
 
-Frames: x east, y north, z up [m]. Azimuths run clockwise from north [deg]. Spots lie on the plane of a flat receiver
-through the aim point: y to the right for an observer in the field who looks at the receiver, z up along its face [m].
+Coordinates are x east, y north and z up [m]. Azimuths run clockwise from north [deg]. Spots lie on the plane of a flat
+receiver through the aim point: y to the right for an observer in the field who looks at the receiver, z up along its
+face [m].
 
-A mount has a primary axis and, perpendicular to it, a secondary axis. If the primary axis is vertical and has no
-errors, these are the azimuth and elevation axes. The errors of a mount in mrad, in the order of `ERRORS`:
+A mount has a primary axis and a secondary axis perpendicular to the primary axis. If the primary axis is vertical and
+has no errors, these are the azimuth and elevation axes. The errors of a mount in mrad, in the order of `ERRORS`:
 
-- ``azimuth_reference``: offset of the primary encoder's zero, positive clockwise seen from the end of the axis;
+- ``azimuth_reference``: offset of the primary encoder's zero, positive clockwise as seen from the end of the axis;
 - ``elevation_reference``: offset of the secondary encoder's zero, positive up;
 - ``tilt_about_east``, ``tilt_about_north``: tilt of the primary axis about the first and second axis of the mount's
   frame, east and north for a vertical primary axis;
@@ -44,7 +45,7 @@ SPOT_STATUS = {
     aiming.BLIND_CONE: "mount_cannot_point_there",
     aiming.TOO_NEAR: "offsets_not_smaller_than_the_distance",
 }
-#: Meanings of `calibration_status`; % is replaced by the word for a spot or a crossing.
+#: Meanings of `calibration_status`, in which % is replaced by the word for a spot or a crossing.
 CALIBRATION_STATUS = {
     calibration.ESTIMATED: "estimated",
     calibration.TOO_FEW: "fewer_%s_than_the_errors_need",
@@ -65,15 +66,17 @@ def mount_angles(
     Parameters
     ----------
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
-        Direction to the sun. [deg]
+        Azimuth and elevation of the sun. [deg]
     pivot : array, DataFrame, Dataset or mapping
         Pivots of the mounts: shape (3,) or (N, 3), or with columns x, y and z. [m]
     aim : float or array, shape (3,) or (N, 3)
-        Aim points; a number is the height of a point at x = y = 0. [m]
+        Aim points, or the height of an aim point at x = y = 0. [m]
     kind : {'azimuth_elevation', 'target_aligned', 'polar', 'tilt_roll'}
-        Primary axis: vertical, towards the aim point, towards the celestial north pole, or horizontal.
+        Kind of mount by the direction of its primary axis, which is vertical, towards the aim point, towards the
+        celestial north pole, or horizontal.
     errors : mapping or array, shape (K,) or (N, K), optional
-        Errors that the angles correct (default: none), by name or as the first K of `ERRORS`. [mrad]
+        Errors of the mounts that the encoder angles correct, by name or as the first K of `ERRORS` (default: no
+        errors). [mrad]
     **mount : float
         ``latitude`` of a polar mount, and ``axis_azimuth`` of the primary axis of a tilt-roll mount [deg];
         ``mirror_offset``, the distance of the mirror's centre in front of the secondary axis; ``axis_offset``, the
@@ -86,9 +89,9 @@ def mount_angles(
     -------
     xarray.Dataset
         `primary_angle` is measured from the zero of the mount's frame (north for a vertical axis), positive clockwise
-        seen from the end of the axis. `secondary_angle` is measured from the plane perpendicular to the primary axis.
-        The dimensions are heliostat (omitted for one pivot) and time (omitted for a single sun). Angles are NaN if the
-        sun is below the horizon, or the mount cannot point in the required direction. [deg]
+        as seen from the end of the axis. `secondary_angle` is measured from the plane perpendicular to the primary
+        axis. The dimensions are heliostat (omitted for one pivot) and time (omitted for a single instant). Angles are
+        NaN if the sun is below the horizon, or if the mount cannot point in the required direction. [deg]
 
     Raises
     ------
@@ -122,16 +125,16 @@ def mount_spots(
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
         As in `mount_angles`.
     errors : mapping or array, shape (K,) or (N, K), optional
-        Errors of the mounts (default: none), by name or as the first K of `ERRORS`. [mrad]
+        Errors of the mounts, by name or as the first K of `ERRORS` (default: no errors). [mrad]
     corrected : mapping or array, optional
-        Errors that the commanded angles correct (default: none). [mrad]
+        Errors of the mounts that the commanded angles correct (default: no errors). [mrad]
 
     Returns
     -------
     xarray.Dataset
-        `spot_y` and `spot_z`, which are NaN if the ray of the mirror's centre does not reach the plane [m], and
-        `spot_status`, which gives the reason. The dimensions are heliostat (omitted for one pivot) and time (omitted
-        for a single sun).
+        `spot_y` and `spot_z` are the coordinates of the spots, which are NaN if the ray from the mirror's centre does
+        not reach the plane [m]. `spot_status` gives the reason. The dimensions are heliostat (omitted for one pivot)
+        and time (omitted for a single instant).
 
     Raises
     ------
@@ -160,7 +163,7 @@ def deviation_curve(
     source: str = "canting", axis: str = "elevation", width: float, height_extent: float, errors: Any = None,
     kind: str = "azimuth_elevation", **mount: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the spots as a function of the size of one error, and the tracking tolerance.
+    """Compute the spots of mounts as a function of the size of one error, and the tracking tolerance.
 
     Parameters
     ----------
@@ -169,29 +172,32 @@ def deviation_curve(
     size : array, shape (E,), optional
         Sizes of the error. [mrad]
     source : {'canting', 'encoder', 'tilt'}
-        The mirror rotates about its centre ('canting'), about the pivot ('encoder'), or with the whole mount about the
-        base ('tilt').
+        Source of the error: the mirror rotates about its centre ('canting'), about the pivot ('encoder'), or with the
+        whole mount about the base ('tilt').
     axis : {'elevation', 'azimuth', 'encoder_azimuth'}
         Axis of rotation: the horizontal axis in the mirror ('elevation'), the axis up the slope of the mirror
         ('azimuth'), or the primary axis ('encoder_azimuth'). A positive error about the horizontal axis raises the
-        normal. A positive error about the other axes is clockwise, seen from the end of the primary axis.
+        normal of the mirror. A positive error about another axis is clockwise as seen from the end of the primary axis.
     width, height_extent : float
-        Width of the aperture, and its height along the face of the receiver; the aim point is the centre. [m]
+        Width of the aperture, and height of the aperture along the face of the receiver. The aim point is the centre of
+        the aperture. [m]
     errors : mapping or array, shape (K,) or (N, K), optional
-        Further errors of the mounts (default: none), by name or as the first K of `ERRORS`. [mrad]
+        Further errors of the mounts, by name or as the first K of `ERRORS` (default: no errors). [mrad]
 
     Returns
     -------
     xarray.Dataset
-        `spot_y`, `spot_z` and `spot_status` as in `mount_spots`, with the further dimension ``size``.
-        `tracking_tolerance` is the minimum magnitude of the error at which the spot leaves the aperture. It is infinite
-        if the spot never leaves the aperture, 0 if the spot is outside without the error, and NaN if there is no spot
-        [mrad]. `eccentricity` is the eccentricity of the curve if the curve is a conic section, otherwise NaN [1].
+        Variables `spot_y`, `spot_z` and `spot_status` as in `mount_spots`, with the further dimension ``size``.
+        `tracking_tolerance` is the minimum magnitude of the error at which the spot leaves the aperture. The
+        tolerance is infinite if the spot never leaves the aperture, 0 if the spot is outside the aperture without the
+        error, and NaN if there is no spot [mrad]. `eccentricity` is the eccentricity of the deviation curve, or NaN if
+        the curve is not a conic section [1].
 
     Raises
     ------
     ValueError
-        As in `mount_angles`, or if the source or axis is unknown, a side is not above 0 m, or an axis offset is given.
+        As in `mount_angles`, or if the source or axis is unknown, if a side of the aperture is not above 0 m, or if an
+        axis offset is given.
 
     References
     ----------
@@ -243,35 +249,36 @@ def calibrate_mount(
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
         As in `mount_angles`.
     spot_y, spot_z : array or DataArray, shape (T,) or (N, T)
-        Measured spots; NaN for missing spots. [m]
+        Coordinates of the measured spots; NaN for missing spots. [m]
     angles : Dataset or mapping, optional
-        Commanded `primary_angle` and `secondary_angle`, each of shape (T,) or (N, T) (default: `mount_angles` without
-        errors). [deg]
+        Commanded angles `primary_angle` and `secondary_angle`, each of shape (T,) or (N, T) (default: `mount_angles`
+        without errors). [deg]
     weight : float or array, shape (T,) or (N, T)
-        Weights of the spots: inverse variances in any unit; 0 for spots to ignore. [1]
+        Weights of the spots as inverse variances in any unit; 0 for spots to ignore.
     parameters : {2, 4, 6}
-        Number of errors to estimate: 2 (encoder references), 4 (also the tilts) or 6 (all).
+        Number of errors to estimate: 2 (encoder references), 4 (encoder references and tilts) or 6 (all errors).
     loss : {'squared', 'huber', 'cauchy'}
-        Loss function of a residual.
+        Loss function that is applied to each residual.
     loss_scale : float
-        Residual above which the robust loss functions grow more slowly than its square. [m]
+        Residual above which a robust loss function increases more slowly than the square of the residual. [m]
     condition_limit : float, optional
         Condition number above which `calibration_status` is 2 (default: 100, or 1000 for six errors). [1]
 
     Returns
     -------
     xarray.Dataset
-        `estimated_error` and `standard_error` over ``parameter`` [mrad], which other functions accept as `errors` and
-        `corrected`; `residual_y` and `residual_z`, measured minus predicted spot [m]; `condition_number` of the
-        Jacobian [1]; and `calibration_status`: 0 estimated, 1 too few spots, 2 doubtful by the condition number, 3 not
-        converged, 4 the spots do not distinguish the errors, 5 too few spots for standard errors, 6 no spot. Values are
-        NaN if there is no estimate. The dimensions are the same as in `mount_spots`.
+        `estimated_error` and `standard_error` are over ``parameter`` [mrad]. Other functions accept `estimated_error`
+        as `errors` and `corrected`. `residual_y` and `residual_z` are measured minus predicted coordinates of the spots
+        [m]. `condition_number` is the condition number of the Jacobian [1]. `calibration_status` is 0 (errors
+        estimated), 1 (too few spots), 2 (condition number above the limit), 3 (not converged), 4 (the spots do not
+        distinguish the errors), 5 (too few spots for standard errors) or 6 (no spot). Values are NaN if there is no
+        estimate. The other dimensions are as in `mount_spots`.
 
     Raises
     ------
     ValueError
-        As in `mount_angles`, or if the number of parameters or the loss function is unknown, or the scale is not above
-        0 m.
+        As in `mount_angles`, or if the number of parameters or the loss function is invalid, or if `loss_scale` is not
+        above 0 m.
 
     References
     ----------
@@ -341,20 +348,21 @@ def error_changes(
     Parameters
     ----------
     estimated_error, standard_error : array, shape (P, ...), or DataArray with `dim`
-        Estimates of P periods and their standard errors, as returned by `calibrate_mount`; NaN if missing. [mrad]
+        Estimated errors in P periods and their standard errors, from `calibrate_mount`; NaN for missing estimates.
+        [mrad]
     freedom : array, shape (P, ...), or DataArray
-        Degrees of freedom of the estimates: two for each spot, minus the number of estimated errors.
+        Degrees of freedom of the estimates, which are two for each spot minus the number of estimated errors.
     dim : str
         Dimension of the periods.
     confidence : float
-        Probability that an unchanged error is not flagged.
+        Probability that an unchanged error is not flagged as changed.
 
     Returns
     -------
     xarray.Dataset
-        `change` since the first estimate and its standard error `change_error` [mrad]; `changed`, which is 1 if the
-        confidence interval of the change (t distribution) excludes 0, 0 if it includes 0, and -1 if there is no change
-        to test.
+        `change` is the change since the first estimate, and `change_error` is the standard error of the change [mrad].
+        `changed` is 1 if the confidence interval of the change (t distribution) excludes 0, 0 if the interval includes
+        0, and -1 if there is no change to test.
 
     Raises
     ------
@@ -406,22 +414,23 @@ def detector_inversion(
 ) -> xr.Dataset:  # fmt: skip
     """Compute the angles of mounts from the points at which two traces cross detectors.
 
-    A reflecting cylinder along the elevation axis of the mirror draws the elevation trace on the receiver's plane, and
-    a cylinder up the slope of the mirror draws the azimuth trace. Both angles follow in closed form from one point of
-    each trace. The inversion is exact for mounts without offsets whose only errors are the encoder references.
+    A reflecting cylinder along the elevation axis of the mirror draws the elevation trace on the receiver's plane. A
+    cylinder up the slope of the mirror draws the azimuth trace. Both angles are computed in closed form from one point
+    of each trace. The inversion is exact for mounts without offsets whose only errors are the encoder references.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
         As in `mount_angles`, without ``mirror_offset`` and ``axis_offset``.
     elevation_crossing, azimuth_crossing : array, shape (2,), (T, 2) or (N, T, 2)
-        Points y, z of the elevation trace and of the azimuth trace on the receiver's plane. [m]
+        Coordinates y and z of a point of the elevation trace and of a point of the azimuth trace on the receiver's
+        plane. [m]
 
     Returns
     -------
     xarray.Dataset
-        `primary_angle` and `secondary_angle` of the mirrors as in `mount_angles`. These angles minus the commanded
-        angles are the errors of the encoder references. [deg]
+        Angles `primary_angle` and `secondary_angle` of the mirrors as in `mount_angles`. The errors of the encoder
+        references are these angles minus the commanded angles. [deg]
 
     Raises
     ------
@@ -456,18 +465,18 @@ def detector_inversion(
 
 
 class _Scene(NamedTuple):
-    """N mounts and T suns.
+    """Scene of N mounts at T instants.
 
     Attributes
     ----------
     setting : aiming.Setting
-        Receiver and mounts, shape (N,).
+        Settings of the receiver and the mounts, shape (N,).
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     pivots : ndarray, shape (N, 3)
         Pivots relative to the aim points. [m]
     dims : tuple
-        Dimensions of mounts and of instants, empty for one pivot and for a single sun.
+        Names of the dimensions of mounts and instants, which are omitted for one pivot and for a single instant.
     """
 
     setting: aiming.Setting
@@ -482,8 +491,7 @@ class _Scene(NamedTuple):
     ) -> xr.Dataset:
         """Return a data set of variables (N, T, ...) and of variables of mounts (N, ...).
 
-        Each variable is given with its further dimensions and attributes. The dimension of a single pivot or sun is
-        omitted.
+        Each variable has its further dimensions and attributes. The dimension of a single pivot or instant is omitted.
         """
         (each, time), every = self.dims, slice(None)
         first, instant = every if each else 0, every if time else 0
@@ -523,7 +531,7 @@ def _scene(
 
 
 def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming.Mounts:
-    """Return the mounts at pivots of shape (N, 3) for one entry of a setting."""
+    """Return the mounts at pivots of shape (N, 3) for the entry `point` of a setting."""
     one = {name: values[point].item() for name, values in setting._asdict().items()}
     to_target = np.array([0.0, 0.0, one["target_height"]]) - pivots
     return aiming.Mounts(
@@ -535,7 +543,7 @@ def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming
 
 
 def _leading(values: Any) -> Any:
-    """Return values whose first dimension is heliostat, if they have this dimension."""
+    """Return values with the dimension heliostat moved to the front, if the values have this dimension."""
     return values.transpose("heliostat", ...) if "heliostat" in getattr(values, "dims", ()) else values
 
 
@@ -557,7 +565,7 @@ def _code(name: str, value: str, options: tuple[str, ...]) -> int:
 
 
 def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
-    """Return angles of mounts, shape (N, T, 2) [rad], as a data set in degrees."""
+    """Return a data set in degrees of the angles of mounts, shape (N, T, 2) [rad]."""
     return scene.dataset({
         name: ((), np.degrees(angles[..., k]), {"units": "degree", "long_name": words})
         for k, (name, words) in enumerate(_ANGLES.items())
@@ -565,7 +573,7 @@ def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
 
 
 def _spots(values: Floats, dims: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return the variables of spots from arrays of y, z and status, shape (3, N, T, ...)."""
+    """Return the variables of spots from one array of y, z and status, shape (3, N, T, ...)."""
     y, z, status = values
     return {
         "spot_y": (dims, y, {"units": "m", "long_name": "spot on the receiver's plane, to the right of the aim point"}),

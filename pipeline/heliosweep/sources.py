@@ -1,4 +1,4 @@
-"""Digest of the source files that compute numbers, and versions of the libraries that they call."""
+"""Digest of the source files that compute numbers, and versions of the libraries that these files use."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _PACKAGE = Path(__file__).parent
 #: Folders and modules of the package that do not affect computed numbers.
 _OTHERS = {"report", "share", "store", "runs", "search"}
 _OTHERS |= {f"{name}.py" for name in ("__main__", "accessor", "api", "cli", "commands", "errors", "files")}
-#: Libraries that affect computed numbers; xarray and dask only store these numbers.
+#: Libraries that affect computed numbers, without xarray and dask, which only store these numbers.
 _LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "pillow", "tzdata")
 
 
 @cache
 def code_versions(*modules: str) -> dict[str, str]:
-    """Return the digests of this package and of the packages that contain given modules, and the library versions."""
+    """Return digests of this package and of the packages of the given modules, and versions of the libraries."""
     folders = {_PACKAGE}
     for name in modules:
         package = name.partition(".")[0]
@@ -31,7 +31,7 @@ def code_versions(*modules: str) -> dict[str, str]:
 
 
 def source_digest(*places: Path) -> str:
-    """Return the SHA-256 digest of Python files and folders of them (default: the modules that compute numbers)."""
+    """Return the SHA-256 digest of Python files in given places (default: the modules that compute numbers)."""
     digest = hashlib.sha256()
     for place in places:
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
@@ -41,7 +41,7 @@ def source_digest(*places: Path) -> str:
 
 
 def version_of(library: str) -> str | None:
-    """Return the version of an installed library, or None."""
+    """Return the version of a library, or None if the library is not installed."""
     with suppress(metadata.PackageNotFoundError):
         return metadata.version(library)
     return None

@@ -1,9 +1,10 @@
-"""Position of the sun at civil times (SPA) and at solar times (Cooper's declination).
+"""Position of the sun at civil times with the SPA, and at solar times with Cooper's declination.
 
-Azimuths run clockwise from north, elevations upwards from the horizon, without refraction [deg]. Unit vectors to the
-sun point east, north and up. Positions at civil times have the accuracy of the SPA, but take only 1 % of its computing
-time. The SPA of pvlib is called once per day, and splines interpolate between days. From 1950 to 2050, the maximum
-difference from pvlib's SPA is 0.001 arcsec. One third of this difference is due to rounding of the Julian day in pvlib.
+Azimuths run clockwise from north, and elevations upwards from the horizon, without refraction [deg]. Unit vectors to
+the sun have the components east, north and up. Positions at civil times are as accurate as the SPA, but take only 1 %
+of the computing time of the SPA. The SPA of pvlib is called once per day, and splines interpolate between days. From
+1950 to 2050, the maximum difference from pvlib's SPA is 0.001 arcsec. One third of this difference is due to rounding
+of the Julian day in pvlib.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def sun_position(
     Parameters
     ----------
     time : datetime64, str, DatetimeIndex or array, shape (T,)
-        Instants. Times without a zone are universal time.
+        Instants, in universal time if they have no time zone.
     latitude, longitude : float
         Coordinates of the site, positive north and east. [deg]
     altitude : float
@@ -41,7 +42,7 @@ def sun_position(
     Returns
     -------
     xarray.Dataset
-        `sun_azimuth` and `sun_elevation` along ``time`` (omitted for a single time). [deg]
+        Variables `sun_azimuth` and `sun_elevation` along ``time`` (omitted for a single time). [deg]
 
     Raises
     ------
@@ -77,17 +78,17 @@ def sun_position_solar(
     latitude : float
         Latitude, positive north. [deg]
     solar_hour : float or array, shape (H,)
-        Solar time, 12 when the sun crosses the meridian. [h]
+        Solar time, 12 h when the sun crosses the meridian. [h]
     day : float or array, shape (D,), optional
-        Day of the year, 1 on 1 January. Cooper's formula gives the declination.
+        Day of the year, 1 on 1 January, from which Cooper's formula computes the declination.
     declination : float or array, shape (D,), optional
-        Declination, positive north, instead of the day. [deg]
+        Solar declination, positive north, which replaces the day. [deg]
 
     Returns
     -------
     xarray.Dataset
-        `sun_azimuth` and `sun_elevation` along ``day`` (or ``declination``) and ``solar_hour``; the dimension of a
-        scalar argument is omitted. [deg]
+        Variables `sun_azimuth` and `sun_elevation` along ``day`` (or ``declination``) and ``solar_hour``. The dimension
+        of a scalar argument is omitted. [deg]
 
     Raises
     ------
@@ -125,12 +126,12 @@ def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
     azimuth : float, array or DataArray
         Azimuth, clockwise from north. [deg]
     horizon : array, shape (points, 2)
-        Azimuth and elevation of points of the horizon in any order. Interpolation continues across north. [deg]
+        Azimuths and elevations of points on the horizon in any order. The interpolation is periodic in azimuth. [deg]
 
     Returns
     -------
     float, array or DataArray
-        Elevation of the horizon. The sun is visible if its elevation is higher. [deg]
+        Elevation of the horizon. The sun is visible if its elevation is above this value. [deg]
 
     Raises
     ------
@@ -157,7 +158,7 @@ def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
 
 
 def direction(azimuth: ArrayLike, elevation: ArrayLike) -> NDArray[np.float64]:
-    """Return unit vectors, shape (..., 3), of azimuths and elevations, which are broadcast. [deg]"""
+    """Return unit vectors, shape (..., 3), for azimuths and elevations [deg], which are broadcast."""
     a, e = np.broadcast_arrays(np.radians(azimuth), np.radians(elevation))
     return np.stack((np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=-1)
 
@@ -176,7 +177,7 @@ def _labelled(vectors: NDArray[np.float64], labels: dict[str, Any]) -> xr.Datase
     return xr.Dataset(variables, labels)
 
 
-#: Number of nodes beyond both ends of a year; the error at the end of a spline decreases by a factor of 0.27 per node.
+#: Number of nodes beyond both ends of a year. The error at the end of a spline decreases by a factor of 0.27 per node.
 MARGIN = 20
 
 
@@ -191,7 +192,8 @@ def sun_vectors(
 
     `utc` contains universal times; the result is NaN for NaT. Latitudes and longitudes, positive north and east [deg],
     and altitudes above sea level [m] are broadcast. `delta_t` is terrestrial minus universal time [s] (default: pvlib's
-    estimate for the month of each instant). The result has the shape (*sites, T, 3): east, north, up. [1]
+    estimate for the month of each instant). The result has the shape (*sites, T, 3), with the components east, north
+    and up. [1]
 
     Raises ValueError if `delta_t` is not finite or not below a day, or if an instant is not in the years 1678 to 2261.
     """
@@ -209,7 +211,7 @@ def sun_vectors(
         instants = np.where(known, stamps, stamps[known.argmax()]).view(np.int64)
         first, last = int(instants.min()), int(instants.max())
         late = _delta_t(first // DAY, last // DAY, delta_t)
-        # Allow a microsecond, because the days of terrestrial time are rounded.
+        # The margin of 1 us allows for the rounding of the days of terrestrial time.
         years = range(_year_of(first + int(late.min() * 1e9) - 1000), _year_of(last + int(late.max() * 1e9) + 1000) + 1)
         pieces = np.concatenate([_splines(year) for year in years])
         sun_at_sites(instants, late, first // DAY, pieces, _new_year(years[0]), sites, sun)
@@ -219,7 +221,7 @@ def sun_vectors(
 
 @lru_cache(8)
 def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
-    """Return terrestrial minus universal time of each day from `first` to `last`, counted since 1970. [s]"""
+    """Return terrestrial minus universal time for each day from `first` to `last`, counted in days since 1970. [s]"""
     if fixed is not None:
         if not abs(fixed) < 86400.0:
             raise ValueError(f"delta_t must be less than a day, not {fixed} s")
@@ -254,7 +256,7 @@ def _splines(year: int) -> NDArray[np.float64]:
     unix = days * 86400.0
     apparent, ascension, declination = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, sst=True)[:3]
     (distance,) = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, esd=True)[:1]
-    # The equation of the equinoxes is added to the right ascension, because both depend only on terrestrial time.
+    # The right ascension includes the equation of the equinoxes, because both depend only on terrestrial time.
     mean = 360.0 * sidereal_time(days, 0.0)
     alpha = np.radians(ascension - (apparent - mean))
     delta = np.radians(declination)
