@@ -167,7 +167,6 @@ def choose_aims(
 
 
 def _images(flux: csr_matrix) -> tuple[Any, ...]:
-    """Return the arrays of a CSR matrix in the form that the kernels accept."""
     return flux.indptr, flux.indices.view(np.uint32), flux.data
 
 

@@ -55,7 +55,6 @@ class _Removed(argparse.Action):
 
 
 def _angles(text: str) -> Any:
-    """Return the numbers in a list or range that is written as in a study file."""
     try:
         if ":" in text:
             return dict(zip(("start", "stop", "step"), map(float, text.split(":")), strict=True))

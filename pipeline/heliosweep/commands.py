@@ -69,7 +69,6 @@ def _of_study(text: str, study: str) -> str:
 
 
 def _load(options: argparse.Namespace, path: str) -> Study:
-    """Load a study, apply the options of the command line, and print its warnings."""
     study = heliosweep.load(path, settings(options.set), named=OPTION)
     for note in study.notes():
         print(printable(_of_study(f"warning: {note}", Formatter.study)), file=sys.stderr)
@@ -137,7 +136,6 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _run_one(options: argparse.Namespace, path: str, several: bool) -> None:
-    """Run a study and print its path, or its headline if several studies are run."""
     began, quiet, study = time.perf_counter(), options.quiet, _load(options, path)
     result = heliosweep.run(
         study, options.output, progress=not quiet, report=not options.no_report, force=options.force

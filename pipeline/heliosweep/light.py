@@ -644,7 +644,6 @@ def _efficiencies(sums: Floats, total: float) -> dict[str, tuple[Floats, Floats]
 
 
 def _with_error(name: str, dims: tuple[str, ...], pair: Sequence[Any], units: str, words: str) -> dict[str, Any]:
-    """Return a variable and its standard error."""
     return {
         f"{name}{label}": (dims, values, {"units": units, "long_name": f"{of}{words}"})
         for (label, of), values in zip((("", ""), ("_error", "standard error: ")), pair, strict=True)

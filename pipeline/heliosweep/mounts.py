@@ -510,7 +510,6 @@ def _scene(
     pedestal_height: float = 0.0, receiver_azimuth: float = 0.0, receiver_tilt: float = 0.0, width: float = 1.0,
     height_extent: float = 1.0,
 ) -> _Scene:  # fmt: skip
-    """Return the scene that the arguments of `mount_angles` describe."""
     pivots = mirror_centres(pivot, "pivot")
     target = np.array([0.0, 0.0, float(np.asarray(aim))]) if np.ndim(aim) == 0 else aim
     relative = pivots - per_item("aim", target, (3,), len(pivots))
@@ -543,7 +542,7 @@ def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming
 
 
 def _leading(values: Any) -> Any:
-    """Return values with the dimension heliostat moved to the front, if the values have this dimension."""
+    """Return values with ``heliostat`` as the first dimension, if the values have this dimension."""
     return values.transpose("heliostat", ...) if "heliostat" in getattr(values, "dims", ()) else values
 
 

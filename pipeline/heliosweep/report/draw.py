@@ -287,7 +287,6 @@ def _curves(context: Context, figure: Curves, over: Sequence[str]) -> Iterator[N
 def _curves_chosen(
     context: Context, figure: Curves, axis: str
 ) -> tuple[list[str], str | None, list[dict[str, int]], list[dict[str, int]], dict[str, int]]:
-    """Return variables, dimension of the lines, points of lines, points of panels, and fixed positions of a figure."""
     result = context.result
     names = [name for name in figure.variables if axes_of(result, figure, name) == [axis]]
     names = ([name for name in names if _varies(result[name], axis)] or names)[: figure.most]
@@ -304,7 +303,6 @@ def _lines(
     axes: Axes, context: Context, figure: Curves, axis: str, name: str, place: Point,
     lines: Sequence[Point], looks: Mapping[str, Mapping[str, Any]],
 ) -> dict[str, Any]:  # fmt: skip
-    """Draw the lines or points of a panel with their bands, and return the drawn lines by name."""
     result, entries, order, (x, words) = context.result, dict[str, Any](), context.order(axis), context.along(axis)
     for number, point in enumerate(lines if set(lines[0]) <= set(result[name].dims) else [{}]):
         values, label = at(result[name], place, point), context.values(point)
@@ -481,7 +479,6 @@ def _each_variable(context: Context, figure: Coloured, over: Sequence[str]) -> C
 
 
 def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chosen:
-    """Choose panels along one or two dimensions. The rows of pictures may also be variables."""
     result, array, is_map = context.result, context.result[figure.variables[0]], isinstance(figure, Maps)
     dims = [str(dim) for dim in array.dims if dim not in over and array.sizes[dim] > 1]
     across, rest = preferred(result, dims, figure.panels), dims * (is_map or len(figure.variables) == 1)
@@ -523,7 +520,6 @@ def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
 
 
 def _values(context: Context, name: str, over: Sequence[str], *points: Point) -> np.ndarray:
-    """Return the printed values of a variable over the dimensions `over`, sorted if there are two dimensions."""
     array = context.result[name]
     values = np.asarray(printed(at(array, context.fixed(array, *over), *points).transpose(*over)), dtype=float)
     return values[np.ix_(*map(context.order, over))] if len(over) > 1 else values
@@ -628,7 +624,6 @@ def _plane(
     axes: Axes, context: Context, figure: Planes, place: Point, paths: Sequence[str], colour: str | None,
     pairs: Sequence[tuple[Mapping[str, Any], Point, Point]],
 ) -> dict[str, Any]:  # fmt: skip
-    """Draw the points of a panel on the receiver's aperture, and return the drawn lines by name."""
     result, up, entries, tracks = context.result, figure.variables[0], dict[str, Any](), list[np.ndarray]()
     hues = context.coordinate(colour).astype(float) if colour else xr.DataArray(0.0)
     order = {} if figure.dots else {dim: context.order(dim) for dim in paths}

@@ -100,7 +100,6 @@ def _sensitivity_of(result: xr.Dataset) -> str:
 
 
 def _names(result: xr.Dataset, headlines: Sequence[str]) -> list[str]:
-    """Return the names of results with equal dimensions of draws, starting with the first headline number."""
     each = {name: result.variables[name] for name in quantities(result)}
     drawn = {name: set(one.dims) for name, one in each.items() if SAMPLE in one.dims and one.dtype.kind == "f"}
     first = [*(name for name in headlines if name in drawn), *drawn][:1]

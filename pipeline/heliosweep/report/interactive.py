@@ -162,7 +162,6 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
 def _quantities(
     context: Context, figure: Figure, names: Sequence[str], keep: set[str]
 ) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
-    """Return those variables of a plot that have values, and the dimensions of these variables, both by name."""
     across = figure.against if isinstance(figure, Planes) else {}
     quantities, dims = dict[str, dict[str, Any]](), dict[str, dict[str, Any]]()
     for name in names[:MOST_VARIABLES]:

@@ -98,7 +98,6 @@ class Workers(ExitStack):
             self._submit = None
 
     def _once(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
-        """Submit a few chunks at a time, and yield each chunk with its values or its error."""
         waiting = iter(chunks)
         pending: dict[Future[Values], Piece] = {}
         while True:

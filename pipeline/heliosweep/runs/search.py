@@ -162,7 +162,6 @@ class SearchRun(Run):
         return labels
 
     def _record(self, path: Path) -> None:
-        """Write the study of the best point, the manifest and the resolved study."""
         from heliosweep.search.result import best_of, goals_of, keys_of, point_text
 
         with open_result(path) as data:

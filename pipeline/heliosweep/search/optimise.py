@@ -183,7 +183,6 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
 
 
 def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) -> None:
-    """Evaluate generations until the optimiser converges, or until `until` evaluations are complete."""
     from pymoo.core.problem import Problem
     from pymoo.core.termination import NoTermination
 

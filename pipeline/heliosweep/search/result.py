@@ -186,7 +186,6 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _marked(axis: str, result: xr.Dataset) -> xr.Dataset:
-    """Return the objectives for each kind of evaluation, along a key or an objective."""
     goals, feasible, place = list(goals_of(result)), result["feasible"] == 1, best_of(result)
     kinds = {"infeasible": ~feasible, "evaluation": feasible}
     kinds |= {"front": result["best"] == 1} if len(goals) == 2 else {}

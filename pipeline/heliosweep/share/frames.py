@@ -114,7 +114,6 @@ def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
 
 
 def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dataset:
-    """Return variables with equal dimensions, and the coordinates along these dimensions."""
     names = names_of(result, variables)
     # pandas omits the second index along a dimension, such as the names of heliostats
     result = result.drop_indexes([name for name in result.xindexes if name not in result.dims])

@@ -165,7 +165,6 @@ def _lines(keys: Iterable[Key], indent: str = "") -> list[str]:
 
 
 def _folded(indent: str, *texts: str) -> list[str]:
-    """Return indented lines that fit in the terminal, in which each text starts on a new line."""
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
     further: Any = {"subsequent_indent": f"{indent}    ", "break_long_words": False, "break_on_hyphens": False}
     return [line for text in texts for line in textwrap.wrap(text, width, initial_indent=indent, **further)]

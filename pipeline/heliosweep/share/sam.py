@@ -179,7 +179,6 @@ def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr
 def _over_directions(
     result: xr.Dataset, variable: str, select: Mapping[str, Any] | None, inner: tuple[str, ...] = ()
 ) -> xr.DataArray:
-    """Return a variable over elevation, azimuth and the dimensions `inner`, in memory. Raises StudyError."""
     if variable not in result.data_vars:
         raise StudyError(Problem(f"the result has no variable {variable!r}", "variable"))
     table = result[variable]

@@ -91,7 +91,6 @@ def download_weather(
 def _downloaded(
     service: str, latitude: float, longitude: float, year: int | None, url: str | None, personal: Mapping[str, Any]
 ) -> tuple[Any, ...]:
-    """Return the downloaded data, information about the location, and the query."""
     given = {**personal, **({} if url is None else {"url": url})}
     if service == "nsrdb":
         name = "get_nsrdb_psm4_tmy" if year is None else "get_nsrdb_psm4_aggregated"
