@@ -72,7 +72,8 @@ class Plots:
         along : str
             Dimension of numbers or times.
         **select
-            Values of the other dimensions. At most one dimension may be omitted, and has one line for each value.
+            Values of the other dimensions. At most one dimension may be omitted. The figure has one line for each
+            value of the omitted dimension.
 
         Returns
         -------
@@ -129,7 +130,7 @@ class HeliosweepAccessor:
         """Study of the result.
 
         The study is read from ``study.resolved.yaml`` in the result folder if that file describes the same study.
-        Otherwise, the study is read from the attributes of the result, which do not contain its input files.
+        Otherwise, the study is read from the attributes of the result, which do not contain the input files.
 
         Raises
         ------

@@ -67,8 +67,8 @@ def choose_aims(
 ) -> Aims:
     """Choose an aim point for each heliostat or stow the heliostat for maximum power under flux limits.
 
-    The function maximises the sum of the powers P_ia of the chosen aim points a of the heliostats i. The constraint is
-    sum F_iac <= L_c for the flux in each cell c.
+    The function maximises the sum of the powers P_ia of the chosen aim points a of the heliostats i. The flux in each
+    cell c must satisfy sum F_iac <= L_c.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, fl
 
 
 def overload(flux: csr_matrix, limit: Floats, count: int) -> tuple[int, float, int] | None:
-    """Return the first heliostat that exceeds a limit with every aim point, its flux and the cell, or None.
+    """Return the first heliostat that exceeds a limit with every aim point, the flux and the cell, or None.
 
     Parameters
     ----------
@@ -433,7 +433,7 @@ def flux_limited_aims(
     Returns
     -------
     xarray.Dataset
-        Variables of each heliostat: `aim`, the index of its aim point or -1 if stowed, and the coordinates of the aim
+        Variables of each heliostat: `aim`, the index of the aim point or -1 if stowed, and the coordinates of the aim
         point `aim_x`, `aim_y`, `aim_z` [m], which are NaN if stowed. Maps: `aimed_flux_map`, `unlimited_flux_map` [kW
         m-2], and `flux_price`, the power gained per unit of the limit [kW / (kW m-2)]. Scalars: `aimed_power`,
         `unlimited_power`, `power_bound` [MW]; `aimed_peak_flux`, `unlimited_peak_flux` [kW m-2]; `limit_loss`, a

@@ -39,7 +39,7 @@ from heliosweep.store.manifest import words_of
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
-    """Return the result folder of a study: `output` or ``outputs/<study file name>-<study id>``.
+    """Return the result folder of a study, either `output` or ``outputs/<study file name>-<study id>``.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     Parameters
     ----------
     path : path
-        Result folder, or its ``result.nc``.
+        Result folder, or file ``result.nc`` in this folder.
 
     Returns
     -------
@@ -214,7 +214,8 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
     output : path, optional
         Result folder, whose file system determines the free disk space.
     timed : bool
-        If True, compute a small part of the study if this takes at most a few seconds, and extrapolate the run time.
+        If True, extrapolate the run time from a small part of the study, unless this part takes more than a few
+        seconds.
 
     Returns
     -------
@@ -295,7 +296,7 @@ def run(
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
     scheduler, workers, memory
-        Replacements for the keys of `execution` in the study file. They do not change the numbers in the result.
+        Replacements for the keys of `execution` in the study file. These keys do not change the numbers in the result.
     progress : bool
         If True, show progress on standard error.
     report : bool
@@ -736,8 +737,8 @@ def _at_directions(
 ) -> Any:
     """Apply a function to a result over sun directions. If the source is not such a result, it is computed first.
 
-    If the study of a result has `keep`, only the kept heliostats are computed. `changes` apply to the study of a
-    folder.
+    If the study of a result has `keep`, only the kept heliostats are computed. The mapping
+    `changes` applies to the study of a result folder.
     """
     from heliosweep.share import sam
     from heliosweep.share.fields import dimension_of, kept_field

@@ -48,10 +48,10 @@ def tracking_error(
         Model of the tilt: the whole mount leans ('rigid'), or only the azimuth axis leans and the home positions of the
         other axes do not change.
     **errors : float, array or DataArray
-        Other errors of the mount: ``home_azimuth_offset`` and ``home_elevation_offset``, ``azimuth_reference`` (excess
-        rotation of the mount, clockwise seen from above), ``non_orthogonality`` (of the elevation axis, positive if its
-        end to the right of the focal axis is lower) and ``collimation`` (of the focal axis, positive to the right). All
-        errors are broadcast against the tilt. [deg]
+        Other errors of the mount: ``home_azimuth_offset`` and ``home_elevation_offset``; ``azimuth_reference``, the
+        excess rotation of the mount, clockwise seen from above; ``non_orthogonality`` of the elevation axis, positive
+        if the end to the right of the focal axis is lower; and ``collimation`` of the focal axis, positive to the
+        right. All errors are broadcast against the tilt. [deg]
 
     Returns
     -------
@@ -256,7 +256,7 @@ def window_factors(
     Parameters
     ----------
     model, tilt, direction, tolerance, clip
-        As in `tracking_factor`, with arrays broadcast. [deg, mrad]
+        As in `tracking_factor`. Arrays are broadcast. [deg, mrad]
     windows : kernels.dish.Windows
         Instants of W windows.
     *errors : ndarray

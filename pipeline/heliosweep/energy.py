@@ -134,16 +134,16 @@ def error_budget(
     undisturbed, actual : float or array, shape (...)
         Energy without any cause of loss, and with all causes. [MWh]
     alone : mapping of str to float or array, shape (...)
-        Energy with only one cause, for each cause. [MWh]
+        Energy with each cause alone. [MWh]
     without : mapping of str to float or array, shape (...), optional
-        Energy with all causes except one, for each cause. [MWh]
+        Energy with all causes except the named cause. [MWh]
 
     Returns
     -------
     xarray.Dataset
-        Variable `loss` over ``part``, which is the loss due to each cause alone, and the remainder 'interaction'. The
-        sum of all parts is the undisturbed energy minus the actual energy. If `without` is given, `gain` over ``cause``
-        is the energy gained by the removal of each cause. [MWh]
+        The variable `loss` over ``part`` contains the loss due to each cause alone. The last part, 'interaction', is
+        the remaining loss. The sum of all parts is the undisturbed energy minus the actual energy. If `without` is
+        given, `gain` over ``cause`` is the energy gained by the removal of each cause. [MWh]
 
     Raises
     ------
@@ -230,7 +230,7 @@ def availability(
     Raises
     ------
     ValueError
-        If the shapes do not match, an outage ends before it begins, or outages overlap.
+        If the shapes do not match, if an outage ends before its start, or if outages overlap.
 
     Examples
     --------
@@ -265,7 +265,7 @@ def _in_leap_year(times: Any) -> Any:
 
 
 def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "weather") -> Any:
-    """Compute the values that yearly results exceed with given probabilities, such as P50 and P90.
+    """Compute values that yearly results exceed with given probabilities, such as P50 and P90.
 
     The values are linearly interpolated quantiles of the given years; no distribution is fitted.
 
@@ -418,7 +418,8 @@ def receiver_heat(
     References
     ----------
     SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 4: heat losses of an external
-    receiver by radiation and convection, which depend on the temperatures of the tubes. `losses` is the sum of both.
+    receiver by radiation and convection, which depend on the temperatures of the tubes. The parameter `losses` is the
+    sum of both losses.
 
     Examples
     --------

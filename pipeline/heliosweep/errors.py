@@ -44,7 +44,7 @@ class Problem:
     line, column : int, optional
         Line and column in the file, counted from 1.
     unlisted : int
-        Number of unlisted problems that this entry represents; 0 for a single problem.
+        Number of unlisted problems that an entry represents; 0 for a single problem.
     """
 
     message: str
@@ -65,7 +65,7 @@ def reason_of(error: BaseException | None) -> str:
 
 
 def listed(problems: Iterable[Problem], most: int, count: int, words: str = "more problems") -> list[Problem]:
-    """Return the first `most` problems of a file, and one entry for the other problems if `count` is larger."""
+    """Return the first `most` of `count` problems of a file, and one entry for all other problems."""
     first = list(islice(problems, most))
     rest = count - len(first)
     return [*first, Problem(f"and {rest:,} {words}", file=first[0].file, unlisted=rest)] if rest else first
@@ -86,7 +86,7 @@ def load_extra(module: str, package: str, extra: str) -> Any:
     Raises
     ------
     HeliosweepError
-        If the package is not installed. The message names the command that installs it.
+        If the package is not installed. The message contains the command that installs the package.
     """
     try:
         return import_module(module)

@@ -51,7 +51,7 @@ def user_path(path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     StudyError
-        If the home folder does not exist, or if the path is an address such as ``s3://bucket/folder``.
+        If the home folder does not exist, or if `path` is an address such as ``s3://bucket/folder``.
     """
     name = os.fspath(path)
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", name):  # such as s3://bucket, but not a drive letter such as C:
@@ -76,7 +76,7 @@ def named_in(folder: Path, name: str) -> Path:
 
 
 def seen_from(folder: Path, path: Path) -> str:
-    """Return the name of a file relative to `folder`, from which `named_in` returns the same file."""
+    """Return a name of a file relative to `folder`, which `named_in` converts back to the path."""
     seen = os.path.relpath(path, folder)
     if os.path.realpath(folder / seen) != os.path.realpath(path):
         seen = os.path.relpath(Path(os.path.realpath(path.parent)) / path.name, os.path.realpath(folder))
@@ -183,7 +183,7 @@ def temporary_name(path: Path) -> Path:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files of ended processes on this machine, and of earlier runs in this process."""
+    """Remove temporary files of earlier runs in this process, and of processes on this machine that have ended."""
     for path in folder.glob(f".*.{platform.node()}.*-*.part"):
         pid = path.name.split(".")[-2].partition("-")[0]
         if pid.isdecimal() and (int(pid) == os.getpid() or not psutil.pid_exists(int(pid))):
@@ -234,7 +234,7 @@ LIBRARY_LOCK = _LibraryLock()
 
 
 def processors() -> int:
-    """Return the number of processors that this process may use, given its affinity and the quota of its container."""
+    """Return the number of processors that this process may use, limited by CPU affinity and container quota."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     with suppress(OSError, ValueError):  # the process has no container or no quota
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()

@@ -100,7 +100,7 @@ def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLik
     Raises
     ------
     ValueError
-        If the shapes do not match, or the profile is not darker at its edge than at its centre.
+        If the shapes do not match, or if the profile is not darker at the edge than at the centre.
 
     References
     ----------
@@ -151,8 +151,9 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     -------
     Dataset, dimensions z and y
         `slope_x` and `slope_y` are the horizontal and vertical slopes relative to the ideal mirror; NaN if fewer than
-        three cameras are lit [mrad]. `lit_cameras` is the number of lit cameras. `quality` is a sum of flags: 1 if the
-        fit did not converge, 2 if fewer than three cameras are lit, 4 if a camera looks outside the sun's disc.
+        three cameras are lit [mrad]. The variable `lit_cameras` is the number of lit cameras. The variable `quality` is
+        a sum of flags: 1 if the fit did not converge, 2 if fewer than three cameras are lit, 4 if a camera looks
+        outside the sun's disc.
 
     Raises
     ------
@@ -282,8 +283,8 @@ def find_slopes(
 ) -> Found:  # fmt: skip
     """Reconstruct slopes by several methods from one set of images (K, N) at pixels (2, N) [m].
 
-    `referentials` are indices of rows of `geometry.transfers`. If `smooth` is True, the method LM uses only the smooth
-    fit of a tabulated sun profile.
+    Each referential is the index of a row of `geometry.transfers`. If `smooth` is True, the method LM uses only the
+    smooth fit of a tabulated sun profile.
     """
     every = geometry.transfers(layout)
     matrices = np.ascontiguousarray(every[list(referentials)])

@@ -99,8 +99,8 @@ def field_scene(
         Tracking method. The width of a mirror is horizontal ('azimuth_elevation'), or perpendicular to the plane of the
         sun and the aim point ('spinning_elevation').
     focus : 'flat', 'slant', float or array, shape (N,) or (N, 2)
-        Focal length of the mirror or of its facets; 'slant' means the distance to the aim point. If two values are
-        given, they apply along the width and along the height. [m]
+        Focal length of the mirror or of its facets; 'slant' means the distance to the aim point. Two values
+        apply along the width and along the height. [m]
     facets : (int, int, float)
         Number of columns and number of rows of facets, and gap between facets [m].
     canting : 'none', 'on_axis', float or array, shape (N,)
@@ -221,7 +221,7 @@ def trace_field(
     layout : array, DataFrame, Dataset, mapping or Scene
         Centres of the mirrors as in `field_scene`, or a scene of `field_scene`.
     receiver : Cylinder or Rectangle
-        Receiver; omit it if `layout` is a scene.
+        Receiver of the field; None if `layout` is a scene.
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Direction to the sun. [deg]
     rays : int, optional
@@ -332,8 +332,9 @@ def trace_year(
     -------
     xarray.Dataset
         Variables over heliostat are the efficiencies of `trace_field` as means weighted by irradiation, and
-        `receiver_energy` [MWh]. `field_energy` is the sum of the energies of all heliostats [MWh]. If `flux_map` is
-        given, the variables `flux_map` and `peak_flux` [MWh m-2] are added. Standard errors are named ``*_error``.
+        `receiver_energy` [MWh]. The variable `field_energy` is the sum of the energies of all heliostats [MWh]. If
+        `flux_map` is given, the variables `flux_map` and `peak_flux` [MWh m-2] are added. Standard errors are named
+        ``*_error``.
 
     Raises
     ------
@@ -535,7 +536,7 @@ def _receiver(receiver: Cylinder | Rectangle) -> kernel.Receiver:
 
 
 def mirror_centres(layout: Any, argument: str = "layout") -> Floats:
-    """Return the centres of mirrors, or the points that another argument contains, shape (N, 3)."""
+    """Return the centres of mirrors, or other points, as an array of shape (N, 3)."""
     if hasattr(layout, "keys"):
         missing = [axis for axis in "xyz" if axis not in layout]
         if missing:
@@ -549,7 +550,7 @@ def mirror_centres(layout: Any, argument: str = "layout") -> Floats:
 
 
 def check_tower(tower: tuple[float, float], centre: Floats) -> None:
-    """Raise ValueError if the radius or top of a tower is not above 0, or a mirror's centre is within it."""
+    """Raise ValueError if the radius or height of a tower is not above 0, or if a mirror centre is within the tower."""
     if not (np.isfinite(tower).all() and min(tower) > 0.0):
         raise ValueError(f"`tower` must be a radius and a top above 0 m (got {tower})")
     within = (np.hypot(centre[:, 0], centre[:, 1]) < tower[0]) & (centre[:, 2] < tower[1])

@@ -82,8 +82,8 @@ def mount_angles(
         ``mirror_offset``, the distance of the mirror's centre in front of the secondary axis; ``axis_offset``, the
         distance of the secondary axis in front of the primary axis; ``pedestal_height``, the height of the pivot above
         the point about which the mount tilts [m]; ``receiver_azimuth`` and ``receiver_tilt``, the azimuth of the
-        receiver's normal (0 for a field to the north) and its tilt above the horizontal, which do not change the angles
-        [deg].
+        receiver's normal (0 for a field to the north) and the tilt of the normal above the horizontal, which do not
+        change the angles [deg].
 
     Returns
     -------
@@ -188,10 +188,10 @@ def deviation_curve(
     -------
     xarray.Dataset
         Variables `spot_y`, `spot_z` and `spot_status` as in `mount_spots`, with the further dimension ``size``.
-        `tracking_tolerance` is the minimum magnitude of the error at which the spot leaves the aperture. The
-        tolerance is infinite if the spot never leaves the aperture, 0 if the spot is outside the aperture without the
-        error, and NaN if there is no spot [mrad]. `eccentricity` is the eccentricity of the deviation curve, or NaN if
-        the curve is not a conic section [1].
+        The variable `tracking_tolerance` is the minimum magnitude of the error at which the spot leaves the aperture.
+        The tolerance is infinite if the spot never leaves the aperture, 0 if the spot is outside the aperture without
+        the error, and NaN if there is no spot [mrad]. `eccentricity` is the eccentricity of the deviation curve, or NaN
+        if the curve is not a conic section [1].
 
     Raises
     ------
@@ -267,9 +267,10 @@ def calibrate_mount(
     Returns
     -------
     xarray.Dataset
-        `estimated_error` and `standard_error` are over ``parameter`` [mrad]. Other functions accept `estimated_error`
-        as `errors` and `corrected`. `residual_y` and `residual_z` are measured minus predicted coordinates of the spots
-        [m]. `condition_number` is the condition number of the Jacobian [1]. `calibration_status` is 0 (errors
+        Variables `estimated_error` and `standard_error` with the dimension ``parameter`` [mrad]. The arguments `errors`
+        and `corrected` of other functions accept the estimated errors. The residuals `residual_y` and `residual_z` are
+        the measured minus the predicted coordinates of the spots [m]. `condition_number` is the condition number of the
+        Jacobian [1]. `calibration_status` is 0 (errors
         estimated), 1 (too few spots), 2 (condition number above the limit), 3 (not converged), 4 (the spots do not
         distinguish the errors), 5 (too few spots for standard errors) or 6 (no spot). Values are NaN if there is no
         estimate. The other dimensions are as in `mount_spots`.
@@ -415,8 +416,9 @@ def detector_inversion(
     """Compute the angles of mounts from the points at which two traces cross detectors.
 
     A reflecting cylinder along the elevation axis of the mirror draws the elevation trace on the receiver's plane. A
-    cylinder up the slope of the mirror draws the azimuth trace. Both angles are computed in closed form from one point
-    of each trace. The inversion is exact for mounts without offsets whose only errors are the encoder references.
+    cylinder up the slope of the mirror draws the azimuth trace. The primary and secondary angles are computed in
+    closed form from one point of each trace. The inversion is exact for mounts without offsets whose only errors are
+    the encoder references.
 
     Parameters
     ----------
@@ -491,7 +493,8 @@ class _Scene(NamedTuple):
     ) -> xr.Dataset:
         """Return a data set of variables (N, T, ...) and of variables of mounts (N, ...).
 
-        Each variable has its further dimensions and attributes. The dimension of a single pivot or instant is omitted.
+        Each value contains further dimensions and attributes of a variable. The dimension of a single pivot or instant
+        is omitted.
         """
         (each, time), every = self.dims, slice(None)
         first, instant = every if each else 0, every if time else 0

@@ -48,7 +48,7 @@ def version_of(library: str) -> str | None:
 
 
 def installed() -> dict[str, str]:
-    """Return versions of this package and of all installed packages that it requires, directly or indirectly."""
+    """Return the versions of this package and of all installed packages that are direct or indirect requirements."""
     found: dict[str, str] = {}
     waiting = [_PACKAGE.name]
     while waiting:

@@ -191,9 +191,9 @@ def sun_vectors(
     """Return unit vectors towards the sun, without refraction, for all sites at the same instants.
 
     `utc` contains universal times; the result is NaN for NaT. Latitudes and longitudes, positive north and east [deg],
-    and altitudes above sea level [m] are broadcast. `delta_t` is terrestrial minus universal time [s] (default: pvlib's
-    estimate for the month of each instant). The result has the shape (*sites, T, 3), with the components east, north
-    and up. [1]
+    and altitudes above sea level [m] are broadcast. The difference `delta_t` is terrestrial minus universal time [s]
+    (default: pvlib's estimate for the month of each instant). The result has the shape (*sites, T, 3), with the
+    components east, north and up. [1]
 
     Raises ValueError if `delta_t` is not finite or not below a day, or if an instant is not in the years 1678 to 2261.
     """

@@ -119,7 +119,7 @@ class Comparison:
 
     @property
     def surprise(self) -> str:
-        """Message if the table states a different value or verdict than this comparison, otherwise an empty string."""
+        """Message about a stated value or verdict that differs from this comparison, or an empty string."""
         computed, verdict = self.stated_computed, self.stated_verdict
         if verdict and verdict != self.verdict:
             return f"the table states {verdict!r}, but it {self.verdict}"
@@ -146,7 +146,7 @@ class Compared:
 
     @property
     def explained(self) -> bool:
-        """True if every value that does not agree has a reason, and the table states its verdict."""
+        """True if the table states a reason and the verdict for every value that does not agree."""
         return all(one.reason and one.stated_verdict in ("", DIFFERS) for one in self.values if not one.agrees)
 
     @property
@@ -260,7 +260,7 @@ def compare(result: xr.Dataset, table: Compared) -> Compared:
 
 
 def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], float]]:
-    """Return the position of each published number in a result, and the factor to its unit.
+    """Return the position of each published number in a result, and the conversion factor to its unit.
 
     Raises
     ------
@@ -322,7 +322,7 @@ def _labelled(result: xr.Dataset, array: xr.DataArray, name: str, text: str) -> 
 
 
 def value_label(value: Any, letters: int = 10) -> str:
-    """Return a label as written in tables of published numbers, with a date cut to its first `letters` characters."""
+    """Return a label in the form of tables of published numbers, with dates limited to `letters` characters."""
     if isinstance(value, np.datetime64):
         return str(value.astype("datetime64[s]"))[:letters]
     return f"{value:g}" if isinstance(value, np.number) else str(value)

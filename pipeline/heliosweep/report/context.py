@@ -75,7 +75,7 @@ def is_latitude(array: xr.DataArray) -> bool:
 
 
 def printed(array: xr.DataArray, of: xr.DataArray | None = None) -> Any:
-    """Return the values of an array in its printed unit, or in the unit of the array `of` if they are its errors."""
+    """Return the values of an array in its printed unit, or standard errors in the printed unit of the array `of`."""
     values = array.to_numpy()
     return values * 100 if is_fraction(array if of is None else of) else values
 
@@ -102,7 +102,7 @@ def axis_label(array: xr.DataArray) -> str:
 
 
 def latitude_text(value: float, ends: str = "NS") -> str:
-    """Return a latitude with its hemisphere, or a longitude if `ends` is ``EW``."""
+    """Return a text of a latitude with its hemisphere, or of a longitude if `ends` is ``EW``."""
     return f"{abs(value):g}{DEGREE}{'' if value == 0 else f' {ends[int(value < 0)]}'}"
 
 
@@ -145,7 +145,7 @@ Point = Mapping[str, int]
 
 
 def evenly(length: int, most: int) -> list[int]:
-    """Return the first, the last and evenly spaced positions between them, at most `most` of `length` positions."""
+    """Return at most `most` of `length` positions, evenly spaced from the first to the last position."""
     return sorted({round(place) for place in np.linspace(0, length - 1, min(length, most))})
 
 
@@ -184,19 +184,19 @@ class Context:
         return xr.DataArray(np.arange(1, self.result.sizes[dim] + 1), dims=dim, name=dim)
 
     def order(self, dim: str) -> np.ndarray:
-        """Return the positions along a dimension, sorted by its numbers or dates."""
+        """Return the positions along a dimension in ascending order of the numbers or dates at these positions."""
         values = self.coordinate(dim).to_numpy()
         return np.argsort(values, kind="stable") if values.dtype.kind in "fiuM" else np.arange(values.size)
 
     def along(self, dim: str) -> tuple[np.ndarray, list[str]]:
-        """Return the sorted axis positions of the values of a dimension, and the labels of its categories."""
+        """Return the sorted positions of the values of a dimension on an axis, and the labels of categories."""
         order = self.order(dim)
         if dim in self.result.coords and (values := self.coordinate(dim).to_numpy()).dtype.kind in "fiuM":
             return values[order], []
         return np.arange(order.size), [self.value(dim, int(i)) for i in order]
 
     def position(self, dim: str) -> int:
-        """Return the selected position along a dimension that is not shown."""
+        """Return the selected position along a dimension that a figure does not show."""
         values, usual = self.coordinate(dim).to_numpy(), self.held.get(dim)
         if isinstance(usual, int | float) and values.dtype.kind in "fiu":
             return int(np.argmin(np.abs(values.astype(float) - usual)))
@@ -205,7 +205,7 @@ class Context:
         return int(self.order(dim)[(values.size - 1) // 2]) if values.dtype.kind in "fiuM" else 0
 
     def fixed(self, array: xr.DataArray, *shown: str | None) -> dict[str, int]:
-        """Return the selected positions along all dimensions of an array that are not shown."""
+        """Return the selected positions along those dimensions of an array that a figure does not show."""
         return {str(dim): self.position(str(dim)) for dim in array.dims if dim not in shown}
 
     def chosen(
@@ -271,7 +271,7 @@ class Context:
     def note(self, fixed: Point, *shown: Sequence[Point]) -> str:
         """Return the sentences of a caption that state the selected values.
 
-        Each element of `shown` lists the points of one dimension that are shown.
+        Each element of `shown` lists the points along one dimension that the figure shows.
         """
         sizes, thinned = self.result.sizes, [(dim, len(points)) for points in shown for dim in next(iter(points), ())]
         parts = [f"{few} of {sizes[dim]} values of {self.title(dim)}" for dim, few in thinned if few < sizes[dim]]

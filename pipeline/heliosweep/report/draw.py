@@ -72,7 +72,7 @@ from heliosweep.store.folder import target_file
 
 #: Maximum numbers of lines in a panel, of panels in a figure, and of panels in a row.
 MOST_LINES, MOST_PANELS, COLUMNS = 7, 6, 3
-#: Width of a figure with several panels, and with one panel. [inch]
+#: Width of a figure with several panels, and width of a figure with one panel. [inch]
 WIDE, SINGLE = 7.2, 4.8
 #: Maximum number of points of a line with markers.
 MARKED = 40
@@ -126,7 +126,7 @@ class NamedFigure:
         Raises
         ------
         StudyError
-            If the file exists or has another suffix, or if its folder does not exist.
+            If the file exists, if the suffix is invalid, or if the folder does not exist.
         HeliosweepError
             If the file cannot be written.
         """
@@ -482,7 +482,7 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
     result, array, is_map = context.result, context.result[figure.variables[0]], isinstance(figure, Maps)
     dims = [str(dim) for dim in array.dims if dim not in over and array.sizes[dim] > 1]
     across, rest = preferred(result, dims, figure.panels), dims * (is_map or len(figure.variables) == 1)
-    rest = [dim for dim in rest if dim != across]  # `rest` is empty if the rows are variables
+    rest = [dim for dim in rest if dim != across]  # there is no other dimension if the rows are variables
     down = preferred(result, rest, figure.lines)
     fixed, rows = context.fixed(array, *over, across, down), context.chosen(down, 3)
     places = context.chosen(across, (6, 4)[down is not None], None if is_map else at(array, fixed))
@@ -500,7 +500,7 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
 
 
 def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
-    """Return a result and a figure with the differences of the first value along `figure.less` and each other value."""
+    """Return a result and a figure of the differences between the first and each other value along `figure.less`."""
     dim, array = figure.less, context.result[figure.variables[0]]
     first, others = array.isel({dim: 0}, drop=True), array.isel({dim: slice(1, None)})
     unit, words = (
@@ -546,7 +546,7 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
     values : ndarray, shape (n,)
         Values of the heliostats. Mirrors with NaN are grey.
     norm, colours
-        Scale and colours of the values.
+        Colour scale and colour map of the values.
     """
     x, y, width, height = mirrors(here)
     placed = np.isfinite(x) & np.isfinite(y)
@@ -660,7 +660,7 @@ def _plane(
 
 
 def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, float] | None = None) -> None:
-    """Make axes square about the origin, so that they show the aperture and all but a few distant points."""
+    """Set equal limits of both axes about the origin, which include the aperture and all but a few distant points."""
     points = np.concatenate([np.zeros((1, 2)), *tracks])
     corner = np.array(size or (0.0, 0.0)) / 2
     far = np.hypot(*points.T)

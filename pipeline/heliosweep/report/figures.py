@@ -44,7 +44,7 @@ class Figure:
     over : sequence of str
         Dimensions of the axes in order of preference (default: chosen from the variables).
     lines, panels : sequence of str
-        Dimensions in order of preference, of which each value has its own line or panel.
+        Dimensions of the lines and dimensions of the panels in order of preference.
     at : mapping of str to object
         Values of dimensions that the figure does not show (default: the middle number or the first word). A number
         selects the nearest value, and a sequence of words selects the first existing word.
@@ -58,7 +58,7 @@ class Figure:
     derive : callable, optional
         Function that returns the given data set with further variables.
     interactive, image : bool
-        True if the page contains an interactive plot, and True if it contains an image.
+        If True, the page contains an interactive plot (`interactive`) or an image (`image`).
     """
 
     name: str
@@ -83,8 +83,8 @@ class Curves(Figure):
     Parameters
     ----------
     bands : mapping of str to sequence of str
-        Names of the variables that contain the lower and upper end of each variable's band, or half of its width.
-        Standard errors ``NAME_error`` need no entry.
+        Names of the variables that contain the lower and upper end of each variable's band, or half of the width of the
+        band. Standard errors ``NAME_error`` need no entry.
     logarithmic : bool
         If True, the axis of the values is logarithmic.
     most : int
@@ -175,7 +175,7 @@ class Planes(Figure):
 
 @dataclass(frozen=True)
 class Special(Figure):
-    """Figure with its own drawing function.
+    """Figure that is drawn by a special function.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def default_figures(result: xr.Dataset) -> Iterator[Figure]:
 def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable[str]) -> list[Figure]:
     """Return figures in an order that starts with a heat map if two dimensions are swept.
 
-    The heat map is the first declared heat map. If no heat map is declared, one of the headline numbers is added.
+    The heat map is the first declared heat map, or a new heat map of the headline numbers if none is declared.
     """
     declared = list(figures)
     grids = [one for one in declared if isinstance(one, Grids) and prepared(result, one)[1]]
@@ -261,7 +261,7 @@ def prepared(result: xr.Dataset, figure: Figure) -> tuple[xr.Dataset, Figure | N
 
 
 def axes_of(result: xr.Dataset, figure: Figure, name: str) -> list[str] | None:
-    """Return the dimensions along which a figure draws a variable, or None if it cannot draw it."""
+    """Return the dimensions along which a figure draws a variable, or None if the variable cannot be drawn."""
     array = result[name]
     sizes = {str(dim): size for dim, size in array.sizes.items() if dim not in figure.reduce}
     long = [dim for dim in figure.over if sizes.get(dim, 0) > 1]

@@ -58,7 +58,7 @@ def write_report(
         Result folder. The page shows ``manifest.json`` and ``study.resolved.yaml`` of this folder if they exist. In an
         unpacked archive, the study file is named ``study.yaml``.
     family : Family, optional
-        Family that declares headlines, figures and tables. By default, they are derived from the variables.
+        Family that declares headlines, figures and tables. The default is derived from the variables.
     study : Study, optional
         Study with published numbers. By default, the page shows the comparison that is stored in the folder.
     vector : sequence of {"svg", "pdf"}
@@ -232,7 +232,7 @@ def embedded(named: Any, picture: Any = None) -> dict[str, Any]:
 
 
 def for_others(page: str, study: str) -> str:
-    """Return a page without the machine, command and paths of its author, and with `study` as its study file."""
+    """Return a page without machine, command and paths of the author, and with the text `study` as the study file."""
     machine = r'<section id="provenance">.*?</section>\n?|<a class="ours"[^>]*>[^<]*</a>\n?'
     page = re.sub(machine, "", page, flags=re.DOTALL).replace('href="study.resolved.yaml"', 'href="study.yaml"')
     file = r'(?<=<pre id="study-file"><code>).*?(?=</code>)'

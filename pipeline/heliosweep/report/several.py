@@ -46,7 +46,7 @@ class Compared(NamedTuple):
 
 
 def _entry(compared: Compared, file: Path) -> dict[str, str]:
-    """Return the title and folder of a result, and a link from `file` to its page if there is one."""
+    """Return the title and folder of a result, and a link from `file` to the page of the result if it exists."""
     folder = compared.path if compared.path.is_dir() else compared.path.parent
     page, title = folder / PAGE, str(compared.data.attrs.get("title", folder.name))
     link = quote(Path(os.path.relpath(page, file.parent)).as_posix()) if page.is_file() else ""

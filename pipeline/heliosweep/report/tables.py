@@ -205,7 +205,7 @@ def _headline(result: xr.Dataset, array: xr.DataArray) -> Headline | None:
     ends = [("minimum", low, np.nanargmin), ("maximum", high, np.nanargmax)]
     (worst, other, at_worst), (best, text, at_best) = ends[:: -1 if array.attrs.get(BEST_VALUE) == SMALLEST else 1]
     if set(array.dims) & set(INNER) or not array.attrs.get(BEST_VALUE):
-        where = _place(result, array, int(at_worst(values)))  # of the parts of one result, the worst is shown
+        where = _place(result, array, int(at_worst(values)))  # the worst of several parts of one result is shown
         return Headline(f"{low} to {high}", unit, title, f"{worst} at {where}" if where else "")
     where, count = _place(result, array, int(at_best(values))), int(np.isfinite(values).sum())
     note = f"{best} of {count:,} points, at {where}; {worst} {other}{NO_BREAK_SPACE}{unit}".rstrip()
@@ -314,10 +314,10 @@ def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
 
 
 def number_texts(values: np.ndarray, digits: int = 3) -> list[str]:
-    """Format the numbers of a column with equal numbers of decimals.
+    """Format the values of a column with a common number of decimals.
 
-    If all numbers are whole or large, they have no decimals. If all numbers are below 0.001, each number has its own
-    number of decimals.
+    Decimals are omitted if all values are whole or large. If all values are below 0.001, each value is formatted with
+    its own number of decimals.
     """
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if finite.size else 0.0

@@ -105,7 +105,7 @@ class Workers(ExitStack):
                 submit = self._submit = self._submit or self._started()
                 try:
                     pending[submit(work, chunk)] = chunk
-                except Exception as refusal:  # a pool of processes raises this exception if it is broken
+                except Exception as refusal:  # a broken pool of processes raises this exception
                     yield chunk, refusal
             if not pending:
                 return
@@ -234,7 +234,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
     folder : pathlib.Path
         Result folder, whose file system determines the free disk space.
     connect : bool
-        If True and the study gives the address of a scheduler, connect to it to read the number of its workers.
+        If True, connect to a scheduler whose address the study specifies, to read the number of workers.
 
     Returns
     -------
@@ -275,7 +275,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
 
 
 def timed_plan(study: Study, folder: Path) -> Plan:
-    """Plan a study, and extrapolate its run time from a small region if this takes only a few seconds."""
+    """Plan a study, and extrapolate its run time from a small region, unless the region takes over a few seconds."""
     plan, family = plan_study(study, folder), family_of(study)
     tried = plan
     if isinstance(family, Searched):
@@ -303,7 +303,7 @@ def show_progress(
     """Show the progress of a run on `stream` (default: standard error).
 
     On a terminal, a single line is updated; on other streams, each update is a new line. The context manager yields a
-    function that must be called after each completed chunk. `done` of the `total` chunks are already complete.
+    function that must be called after each completed chunk. `done` chunks of `total` are already complete.
     """
     stream, start, before = stream or sys.stderr, time.monotonic(), done
     pause, last = TERMINAL_SECONDS if stream.isatty() else LINE_SECONDS, start

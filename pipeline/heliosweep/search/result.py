@@ -65,10 +65,10 @@ def described(
     missed: np.ndarray,
     generations: list[int],
 ) -> tuple[dict[str, Variable], dict[str, np.ndarray]]:
-    """Return the variables of the result of a search, and their values.
+    """Return the variables of a search result and their values.
 
-    `values` and `variables` contain the results by name. `goals` contains the minimised objectives, shape (evaluations,
-    objectives). `missed` contains the violations of the bounds. `goals` and `missed` are attributes of the course.
+    The mappings `values` and `variables` contain the results by name. The attributes `goals` and `missed` of the course
+    contain the minimised objectives, shape (evaluations, objectives), and the violations of the bounds.
     """
     arrays = {name: np.asarray(values[name], float) for name in variables}
     own = (generations, missed == 0.0, front(goals, missed))
@@ -84,7 +84,7 @@ def goals_of(result: xr.Dataset) -> dict[str, bool]:
 
 
 def keys_of(result: xr.Dataset) -> dict[str, str]:
-    """Return the searched keys, with the names of their coordinates."""
+    """Return the names of the coordinates of the searched keys by key."""
     return {str(one.attrs["key"]): str(name) for name, one in result.coords.items() if "key" in one.attrs}
 
 
@@ -111,7 +111,7 @@ def point_text(result: xr.Dataset, place: int) -> str:
 
 
 def answers(result: xr.Dataset) -> Iterator[str]:
-    """Yield the optimum of a single objective, its point, and the ranges of the keys within `FLAT` of the optimum."""
+    """Yield the optimum of a single objective, the best point, and the ranges of the keys near the optimum."""
     best, goals = best_of(result), goals_of(result)
     if best is None or len(goals) > 1:
         return

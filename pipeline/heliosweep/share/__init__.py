@@ -1,1 +1,1 @@
-"""Exchange with other programs, and archives to cite and share."""
+"""Exchange of data with other programs, and archives for publication."""

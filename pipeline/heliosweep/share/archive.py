@@ -250,7 +250,7 @@ def placed(study: Study) -> dict[str, str]:
     Raises
     ------
     HeliosweepError
-        If an input file is missing, or if its name is invalid on some operating systems.
+        If an input file is missing, or if a file name is invalid on some operating systems.
     """
     places, taken = dict[str, str](), dict[str, str]()
     for key, names in study.files().items():

@@ -55,13 +55,13 @@ def tower_electricity(
     positions: ArrayLike, mirror_area: float, *, inputs: Mapping[str, Any] | None = None,
     heat: float | None = None, fixed_charge_rate: float = 0.07, operation: float = 0.0,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the electricity of a year with SAM's molten-salt power tower.
+    """Compute the annual electricity of a tower plant with SAM's molten-salt power tower.
 
     Parameters
     ----------
     efficiency : xarray.DataArray
         Efficiency over ``sun_elevation`` and ``sun_azimuth``, without thermal losses. Use `efficiency_table` with the
-        absorptance of the receiver as its `factor`. [1]
+        absorptance of the receiver as `factor`. [1]
     flux : xarray.DataArray
         Fraction of the light on each column of the receiver, from `flux_maps`. [1]
     weather : path or mapping
@@ -73,7 +73,7 @@ def tower_electricity(
     inputs : mapping of str to value, optional
         Inputs of ``PySAM.TcsmoltenSalt`` that differ from the default ``MSPTSingleOwner``, such as ``{"tshours": 6}``.
     heat : float, optional
-        Thermal power of the receiver at the design point. It determines the turbine power
+        Thermal power of the receiver at the design point. The turbine power is
         ``P_ref = heat * design_eff / solarm`` (default: 115 MW). [MW]
     fixed_charge_rate : float
         Fraction of the installed cost that is paid each year. [1]

@@ -53,7 +53,7 @@ def chosen(data: T, select: Mapping[str, Any] | None, keep: Sequence[str] = (), 
     Returns
     -------
     DataArray or Dataset
-        Data at the selected labels, without dimensions of size 1 unless they are in `keep`.
+        Data at the selected labels. Dimensions of size 1 are removed unless `keep` contains them.
 
     Raises
     ------
@@ -299,14 +299,14 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
     Parameters
     ----------
     study : Study or xarray.Dataset
-        Study with one layout, or result. For a result with `keep`, the layout contains the kept heliostats.
+        Study with one layout, or result of a study. If the result has `keep`, the layout contains the kept heliostats.
     select : mapping of str to value, optional
         Value of each dimension that affects the layout of a result.
 
     Raises
     ------
     StudyError
-        If the study or result has no layout, or if it has several layouts.
+        If the study or result has no layout or several layouts.
 
     Examples
     --------
@@ -380,13 +380,14 @@ def write_layout(
     Parameters
     ----------
     layout : Layout or pandas.DataFrame
-        Heliostats to write. A DataFrame must have the columns ``x`` and ``y`` [m]. ``z`` and other layout columns are
-        optional.
+        Heliostats to write. A DataFrame must have the columns ``x`` and ``y`` [m]. Further columns of a layout, such
+        as ``z``, are optional.
     path : path
         File to write, which appears under its name only when it is complete.
     form : {"csv", "solarpilot"}
-        Format of the file. ``csv`` is a table with a header and all columns. ``solarpilot`` is a user-defined layout of
-        SolarPILOT, which contains only positions, templates, focal lengths, canting and aim points.
+        Format of the file. The format ``csv`` is a table with a header and all columns. The format ``solarpilot`` is a
+        user-defined layout of SolarPILOT, which contains only positions, templates, focal lengths, canting and aim
+        points.
     force : bool
         If True, replace an existing file.
 

@@ -20,7 +20,7 @@ from heliosweep.store.folder import target_file
 
 
 def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *, units: bool = False) -> pd.DataFrame:
-    """Return variables of a result as a table with one row per point.
+    """Return variables of a result as a table with one row for each point.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[
 
 
 def _frame(part: xr.Dataset) -> pd.DataFrame:
-    """Return a table of a data set, with columns for dimensions, other coordinates and variables in this order."""
+    """Return a table with columns in the order of dimensions, other coordinates and variables."""
     part, dims = part.compute(), next(iter(part.data_vars.values())).dims
     if not dims:
         return part.expand_dims("point").to_dataframe().reset_index(drop=True)

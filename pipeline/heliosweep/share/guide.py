@@ -35,7 +35,8 @@ def explain(words: Iterable[str]) -> str:
     Returns
     -------
     str
-        Meaning, forms, unit, range, default and an example of a key. The text for a block also lists its keys.
+        Meaning, forms, unit, range, default and an example of a key. The text for a block also lists the keys of the
+        block.
 
     Raises
     ------
@@ -90,7 +91,7 @@ def new_study(family: str, target: str | os.PathLike[str] | None = None, *, forc
 
 
 def shipped() -> dict[str, Path]:
-    """Return the shipped study files by name, or an empty mapping if they are not installed."""
+    """Return the shipped study files by name, or an empty mapping if no files are installed."""
     # folder in the installed package, and folder in the working copy
     folders = (Path(__file__).parents[1] / "studies", Path(__file__).parents[3] / "studies")
     folder = next(filter(Path.is_dir, folders), folders[0])
@@ -98,7 +99,7 @@ def shipped() -> dict[str, Path]:
 
 
 def examples() -> str:
-    """Return one line for each shipped study, sorted by family, with its name, family and title."""
+    """Return lines with the name, family and title of each shipped study, sorted by family."""
     told = sorted((str(source.data.get("family")), name, str(source.data.get("title"))) for name, source in _read())
     if not told:
         raise HeliosweepError("this installation has no studies; they are in the folder studies/ of the source code")

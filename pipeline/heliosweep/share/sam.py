@@ -4,10 +4,10 @@ The conventions follow the source code of NREL's ssc and SolarPILOT:
 
 - SAM's molten-salt power tower reads user-defined performance (``eta_map``) as rows of azimuth, zenith angle [deg] and
   efficiency. SAM interpolates at the azimuth of its weather reader, clockwise from north, 0 to 360 deg
-  (`C_pt_sf_perf_interp::call`), without periodicity. If the azimuth 0 or 360 deg exists, both are therefore written.
-  Rows with the sun below the horizon are omitted, because SAM stops the field at night. Each row has a flux map
-  (``flux_maps``) with the fraction of the light on each column of the receiver. The columns of a cylinder run from
-  south over east, north and west. SAM sums the flux over the height.
+  (`C_pt_sf_perf_interp::call`), without periodicity. If one of the azimuths 0 and 360 deg exists, rows for both
+  azimuths are therefore written. Rows with the sun below the horizon are omitted, because SAM stops the field at night.
+  Each row has a flux map (``flux_maps``) with the fraction of the light on each column of the receiver. The columns of
+  a cylinder run from south over east, north and west. SAM sums the flux over the height.
 - SAM's generic solar field reads a matrix. The first column contains ascending zenith angles, the first row contains
   ascending azimuths, and the first cell is empty. Azimuth 0 is south, east is negative, and west is positive
   (`C_csp_gen_collector_receiver`).
@@ -68,7 +68,8 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     Returns
     -------
     Study
-        Study with ``time: {clock: sun, ...}`` and without a site. Its file names are relative to the working directory.
+        Study with ``time: {clock: sun, ...}`` and without a site. File names in the study are relative to the working
+        directory.
 
     Raises
     ------
@@ -273,8 +274,8 @@ def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
     """Return the ascending azimuths of a format, and their order in the efficiency table.
 
     Azimuths from north are 0 to 360 deg, and azimuths from south -180 to 180 deg. Both ends of a range are the same
-    direction, and both may exist. If a circle is closed elsewhere, such as -180 to 180 deg from north, one end is
-    omitted.
+    direction, and the table may contain both ends. If a circle is closed elsewhere, such as -180 to 180 deg from north,
+    one end is omitted.
     """
     low = -180.0 if south else 0.0
     shifted = np.asarray(north, dtype=float) - (180.0 if south else 0.0)

@@ -69,7 +69,7 @@ def download_weather(
         raise StudyError(Problem(message, service))
     try:
         data, place, query = _downloaded(service, latitude, longitude, year, url, personal)
-    except (OSError, ValueError, KeyError) as error:  # errors in the request, in the JSON text, or in its contents
+    except (OSError, ValueError, KeyError) as error:  # errors in the request, in the JSON text, or in the data
         text = str(error)
         for secret in filter(None, personal.values()):
             text = text.replace(secret, "...")

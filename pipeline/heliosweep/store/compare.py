@@ -28,7 +28,7 @@ class Comparison:
     same_bytes : bool
         True if the two files are identical.
     differences : list of str
-        One line for each difference in content; an empty list if the contents are equal.
+        One line for each difference in content. The list is empty if the contents are equal.
     notes : list of str
         Differences that are not counted, for example of values within the tolerances.
     """

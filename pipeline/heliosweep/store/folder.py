@@ -31,7 +31,7 @@ from heliosweep.errors import FORCE, HeliosweepError, Problem, StudyError, log
 from heliosweep.files import human_bytes, named_in, user_path, writing
 from heliosweep.grid import Cut, human_seconds
 
-#: Prefix of folders with chunks, and name of the file in such a folder that describes the study and its chunks.
+#: Prefix of folders with chunks, and name of the file in these folders that describes the study and the chunks.
 CHUNKS, RECORD = "chunks-", "plan.json"
 
 
@@ -72,7 +72,7 @@ class ChunkStore:
         return {path.stem for path in self.folder.glob("*.npz")}
 
     def save(self, name: str, values: Mapping[str, np.ndarray]) -> None:
-        """Store the arrays of a chunk. Raises HeliosweepError if they cannot be written."""
+        """Store the arrays of a chunk. Raises HeliosweepError if the arrays cannot be written."""
         temporary = self.folder / f"{name}.tmp"
         with writing(self.folder):
             with temporary.open("wb") as file:
@@ -111,7 +111,7 @@ DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Wait until other runs in a result folder have ended, and lock it. The system releases locks of killed processes.
+    """Lock a result folder when no other run uses the folder. The system releases the locks of killed processes.
 
     Raises HeliosweepError if the process is a worker process that is just starting.
     """
@@ -156,7 +156,7 @@ def manifest_digest(content: Mapping[str, Any]) -> str:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a result folder. Raises HeliosweepError if it is missing or damaged."""
+    """Return the manifest of a result folder. Raises HeliosweepError if the manifest is missing or damaged."""
     try:
         content: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         if content["result"]["file"] != RESULT or not isinstance(content["result"]["sha256"], str):
@@ -170,7 +170,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """Create a writable result folder, and remove it if it remains empty. Raises StudyError if it is not writable."""
+    """Create a result folder, and remove the folder if it remains empty. Raises StudyError if it is not writable."""
     created: list[Path] = []
     try:
         try:

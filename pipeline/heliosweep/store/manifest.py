@@ -108,7 +108,7 @@ def _period(study: Study) -> dict[str, str]:
 def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
     """Write ``manifest.json`` and the resolved study. Raises HeliosweepError if a file cannot be written.
 
-    `content` is the manifest without its entries for the result and the environment.
+    The mapping `content` is the manifest without the entries for the result and the environment.
     """
     recorded = {"file": result.name, "bytes": result.stat().st_size, "sha256": result_digest(result)}
     called = Path(sys.argv[0])
@@ -170,7 +170,7 @@ def changes(before: Any, after: Any, key: str = "") -> list[str]:
 
 
 def listed(before: Any, after: Any, most: int = 3) -> str:
-    """Return the first `changes` on one line."""
+    """Return the first `most` differences of two mappings on one line."""
     lines = changes(before, after)
     return "; ".join(lines[:most]) + (f", and {len(lines) - most} more" if len(lines) > most else "")
 

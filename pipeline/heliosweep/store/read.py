@@ -36,7 +36,7 @@ def locate(path: str | os.PathLike[str]) -> Path:
 
 
 def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
-    """Open a result folder, or its ``result.nc``, as a lazy data set.
+    """Open a result folder, or a file ``result.nc``, as a lazy data set.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def check_digest(place: Path) -> None:
 
 
 class Verification(NamedTuple):
-    """Findings of the verification of a result folder. `ok` is False if a file is damaged or missing."""
+    """Findings of the verification of a result folder. The field `ok` is False if a file is damaged or missing."""
 
     folder: Path
     finished: bool
