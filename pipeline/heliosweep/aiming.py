@@ -204,7 +204,7 @@ def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, fl
 
 
 def overload(flux: csr_matrix, limit: Floats, count: int) -> tuple[int, float, int] | None:
-    """Return the first heliostat that exceeds a limit with every aim point, the flux and the cell, or None.
+    """Find a heliostat that exceeds a limit with every aim point, and return its index, flux and cell (or None).
 
     Parameters
     ----------

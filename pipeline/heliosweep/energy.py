@@ -316,9 +316,9 @@ def annual_energy(
 
     The energy of a heliostat is
 
-        E = area * sum of dni * hours * product of the efficiencies,
+        E = area * sum of dni * hours * product of the efficiencies.
 
-    over the instants at which the field operates.
+    The sum is over the instants at which the field operates.
 
     Parameters
     ----------

@@ -493,8 +493,8 @@ class _Scene(NamedTuple):
     ) -> xr.Dataset:
         """Return a data set of variables (N, T, ...) and of variables of mounts (N, ...).
 
-        Each value contains further dimensions and attributes of a variable. The dimension of a single pivot or instant
-        is omitted.
+        Each entry contains the further dimensions, the values and the attributes of a variable. The dimension of a
+        single pivot or instant is omitted.
         """
         (each, time), every = self.dims, slice(None)
         first, instant = every if each else 0, every if time else 0

@@ -344,7 +344,7 @@ def comparison_csv(compared: Compared) -> str:
 
 
 def read_comparison(path: Path) -> Compared:
-    """Read the text of `comparison_csv` from a file. Raises StudyError if the file has another content."""
+    """Read the text of `comparison_csv` from a file. Raises StudyError if the file has a different format."""
     lines = path.read_text(encoding="utf-8").splitlines()
     source = [line[1:].strip() for line in lines if line.startswith("#")]
     try:

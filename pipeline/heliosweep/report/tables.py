@@ -219,7 +219,7 @@ def _place(result: xr.Dataset, array: xr.DataArray, place: int) -> str:
 
 
 def without(made: Sequence[Table], headlines: Sequence[Headline]) -> list[Table]:
-    """Return tables, in which a single point has no columns that repeat headline numbers."""
+    """Return tables without columns that repeat headline numbers of a single point."""
     shown, kept = {(one.value, one.unit) for one in headlines}, list[Table]()
     for table in made:
         singles = [one.texts() if one.is_words else number_texts(np.array(one.values), 4) for one in table.columns]

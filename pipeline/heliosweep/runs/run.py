@@ -275,7 +275,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
 
 
 def timed_plan(study: Study, folder: Path) -> Plan:
-    """Plan a study, and extrapolate its run time from a small region, unless the region takes over a few seconds."""
+    """Plan a study with a run time extrapolated from a small region, if this region takes at most a few seconds."""
     plan, family = plan_study(study, folder), family_of(study)
     tried = plan
     if isinstance(family, Searched):

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class SearchRun(Run):
-    """A run of a search in a result folder."""
+    """Run of a search in a result folder."""
 
     family: Searched
 
