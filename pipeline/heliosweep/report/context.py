@@ -189,7 +189,7 @@ class Context:
         return np.argsort(values, kind="stable") if values.dtype.kind in "fiuM" else np.arange(values.size)
 
     def along(self, dim: str) -> tuple[np.ndarray, list[str]]:
-        """Return the positions of sorted values of a dimension on an axis, and the labels of values that are categories."""
+        """Return the positions of sorted values of a dimension on an axis, and the labels of categories."""
         order = self.order(dim)
         if dim in self.result.coords and (values := self.coordinate(dim).to_numpy()).dtype.kind in "fiuM":
             return values[order], []
