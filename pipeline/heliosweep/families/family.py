@@ -233,7 +233,7 @@ class Family:
         return _computed().compute(study, self.computation(study), inputs, region)
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
-        """Compute the `finished` variables of a region of whole points from its `computed` variables."""
+        """Compute the `finished` variables of a region with complete points from the `computed` variables."""
         return _computed().finish(study, self.computation(study), inputs, region, computed)
 
     def of_result(self, result: xr.Dataset) -> Family:

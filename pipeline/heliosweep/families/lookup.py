@@ -60,8 +60,8 @@ MOST_NUMBERS = 100
 #: Maximum width of the confidence interval of a total index; a warning is given for wider intervals. [1]
 WIDE = 0.1
 
-#: Statistics of each variable by suffix of the variable's name: additional dimension, long name, and True if
-#: dimensionless.
+#: Statistics of each variable. Keys are suffixes of variable names; values are the additional dimension, the long
+#: name, and True if dimensionless.
 _STATISTICS: dict[str, tuple[str, str, bool]] = {
     "sample_mean": ("", "mean of the {} over the draws", False),
     "sample_standard_deviation": ("", "sample standard deviation of the {} over the draws", False),

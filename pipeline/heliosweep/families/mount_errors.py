@@ -78,7 +78,7 @@ class MountAngles(Block):
 def standard_uniforms(
     seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """Return uniform draws between 0 and 1, both excluded, shape (H, samples).
+    """Return uniform draws from the open interval (0, 1), shape (H, samples).
 
     Draws are multiples of 2^-53 and symmetric about 1/2. The draws depend on `seed` and `stream`, both from 0 to
     2^63 - 1, and on the heliostat numbers, counted from 0. The stream is for example the index of a mount error.

@@ -60,7 +60,7 @@ class Points:
         self._columns: dict[str, tuple[tuple[str, ...], np.ndarray | None]] = {}
 
     def once(self, name: str, make: Callable[[], T]) -> T:
-        """Return an object that is common to all points of the region. The first call creates it with `make`."""
+        """Return an object that all points of the region share. The first call creates the object with `make`."""
         if name not in self._once:
             self._once[name] = make()
         return cast(T, self._once[name])
@@ -75,7 +75,7 @@ class Points:
         return self._columns[key]
 
     def __iter__(self) -> Iterator[Point]:
-        """Yield each point, or each group of points that are computed in one call."""
+        """Yield each point, or each group of points that is computed in one call."""
         apart = set(self.sizes)
         if (keys := self.work.arrays) is not None:
             apart = {dim for key in keys for dim in self.column(key)[0]} | set(self.parameters.site_dims)
@@ -108,7 +108,7 @@ class Point:
 
     @property
     def group(self) -> tuple[int, ...]:
-        """Number of points along each swept dimension; empty for a single point of a function without `arrays`."""
+        """Number of points along each swept dimension; empty if the computation has no `arrays`."""
         if self.points.work.arrays is None:
             return ()
         return tuple(len(range(size)[span]) for size, span in zip(self.points.sizes.values(), self.spans, strict=True))

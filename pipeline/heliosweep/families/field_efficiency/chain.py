@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 
-#: Maximum number of result points for which the sums at each instant are kept in memory.
+#: Maximum number of result points for which ray sums at each instant are kept in memory.
 KEPT = 4
 
 

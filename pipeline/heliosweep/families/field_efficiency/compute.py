@@ -535,7 +535,7 @@ def best(
     number, power : float, optional
         Number of heliostats to keep, or required power in the unit of `power_of`.
     power_of : callable
-        Function of heliostat rows that returns the power of a field with only these heliostats.
+        Function that takes rows of heliostats and returns the power of a field with only these heliostats.
 
     Returns
     -------

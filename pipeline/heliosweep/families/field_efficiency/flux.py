@@ -196,8 +196,8 @@ class Aim(Block):
 def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
     """Return the aim points of the mirrors.
 
-    Without `aim`, with `centre`, and before `flux_limit` selects aim points, heliostats aim at the centre of the
-    receiver. If the receiver is a cylinder, heliostats aim at the nearest surface point at mid-height.
+    Heliostats aim at the centre of the receiver without `aim`, with `centre`, and before `flux_limit` selects aim
+    points. If the receiver is a cylinder, heliostats aim at the nearest surface point at mid-height.
 
     With `spread`, the levels are evenly spaced over the height of the receiver. This height is reduced at each end by
     the radius of the heliostat's spot (two standard deviations of its on-axis HFLCAL image). Heliostats are ordered by
@@ -260,7 +260,7 @@ def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
 def aim_problems(
     study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
 ) -> Iterator[Problem | str]:
-    """Yield the problems and warnings about aim points at the first point of the result that has any."""
+    """Yield the problems and warnings about aim points at the first point of the result with any message."""
     inputs = Inputs(study)
     for layout, given in points:
         way = Way(study, inputs, layout, values_of([given.get(key) for key in KEYS]))
@@ -323,7 +323,7 @@ MOST_INSTANTS = 100
 
 
 def limit_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ...]:
-    """Return the rules for a flux limit. Each rule has the condition for a fault, the key and the message."""
+    """Return the rules for a flux limit. Each rule lists the condition for a fault, the key and the message."""
     instants, shown = instant_count(study.time), study.output.flux_map
     some = isinstance(study.time, SunDirections) or study.design_point or instants > MOST_INSTANTS
     return (

@@ -112,7 +112,7 @@ def has_heat(study: FieldEfficiencyStudy) -> bool:
 
 
 def heat_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ...]:
-    """Return the rules for heat and cost keys. Each rule has the condition for a fault, the key and the message."""
+    """Return the rules for heat and cost keys. Each rule lists the condition for a fault, the key and the message."""
     given = [f"receiver.{key}" for key in ("absorptance", "thermal_losses") if getattr(study.receiver, key) is not None]
     return (
         *((study.optics is None, key, "needs 'optics': add 'optics', or remove this key") for key in given),
@@ -155,7 +155,7 @@ def read_losses(path: Path, name: str) -> Floats:
     Raises
     ------
     StudyError
-        If the file cannot be read or contains no valid loss table. The message lists each problem with its line.
+        If the file cannot be read or contains no valid loss table. The message lists each problem with its line number.
     """
     table = read_table(path, name, _LOSS_COLUMNS, rows="powers")
     power, lost = (table.column(key) for key in _LOSS_COLUMNS)
@@ -181,7 +181,7 @@ def _losses(values: Mapping[str, Any]) -> float:
 
 
 def heat_power(power: Any, values: Mapping[str, Any], table: Floats | None) -> Any:
-    """Return the heat power of a receiver from the power of the light on the receiver. [MW]
+    """Return the heat power of a receiver for a given power of light on the receiver. [MW]
 
     `values` maps the last part of each key to its value.
     """

@@ -130,7 +130,7 @@ def _errors(study: Any, layout: Layout) -> Iterator[Problem]:
 
 
 def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Check that mirrors are larger than the gaps between their facets."""
+    """Check that each mirror is larger than the sum of the gaps between facets."""
     facets = study.heliostat.facets
     for side, count in (("width", facets.columns), ("height", facets.rows)) if facets is not None else ():
         value = getattr(study.heliostat, side)

@@ -1,8 +1,8 @@
 """Losses from the tower's shadow, the site's horizon and heliostat outages, and the error budget of a field.
 
 The energy of a field is computed with all causes of the budget, without any cause, with each cause alone, and with all
-causes but one. The loss due to a cause is the loss with this cause alone. The difference between the total loss and the
-sum of these losses is the interaction of the causes. All these energies are computed with the same rays.
+causes except one. The loss due to a cause is the loss with this cause alone. The difference between the total loss and
+the sum of these losses is the interaction of the causes. All these energies are computed with the same rays.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class FieldSite(Site):
 
 
 def _wrong_rows(table: Floats) -> Iterator[tuple[int, str]]:
-    """Yield horizon rows with an elevation that is out of range or contradicts another row at this azimuth."""
+    """Yield horizon rows with an elevation that is out of range or contradicts a row with the same azimuth."""
     seen: dict[float, float] = {}
     for row, (azimuth, elevation) in enumerate(table.tolist()):
         if not LOWEST <= elevation <= HIGHEST:

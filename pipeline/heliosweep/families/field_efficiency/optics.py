@@ -387,7 +387,7 @@ class Optics(Block):
             yield Fault("is also given by 'rays': remove one of them", ("precision",))
 
 
-#: Keys that affect the light or heat of the receiver, excluding keys of the sun, the layout and the mirror size.
+#: Keys that affect the light or heat of the receiver, excluding mirror positions, mirror sizes and sun directions.
 KEYS = (
     *("heliostat.focus", "heliostat.facets.canting", "receiver.azimuth", "receiver.tilt", "receiver.width"),
     *("receiver.radius", "receiver.height", "receiver.height_extent", "optics.sun_shape.kind"),

@@ -87,7 +87,7 @@ BY = {
     "design_point_total_efficiency": "at the design point; needs 'optics' and 'design_point'",
     "design_point_optical_efficiency": "at the design point; needs 'design_point'",
 }
-#: Study blocks that are required for a ranking by each result.
+#: Study blocks that a ranking by each result requires.
 _NEEDS: dict[str, tuple[str, ...]] = {
     "receiver_energy": ("weather",),
     "energy_per_mirror_area": ("weather",),
@@ -180,7 +180,7 @@ class FieldOutput(Output):
 
 
 class DesignPoint(Block):
-    """Instant in solar time and irradiance for which a plant is sized."""
+    """Design point of a plant: an instant in solar time, and the irradiance."""
 
     day: Annotated[float, Quantity("Day of the year, for Cooper's declination", "1", ge=1, le=366, sweep=False)]
     solar_hour: Annotated[float, Quantity("Solar time of day; 12 is noon", "h", ge=0, le=24, sweep=False)]
@@ -251,7 +251,7 @@ class FieldEfficiencyStudy(Study):
         return RESERVED | frozenset(AIM_VARIABLES if is_limited(self) else ())
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the study has either sites or sun directions, and that keys have the blocks that they need."""
+        """Check that the study has either sites or sun directions, and the blocks that each key requires."""
         directions, given = (
             isinstance(self.time, SunDirections),
             [key for key in ("site", "sites") if getattr(self, key)],
@@ -299,7 +299,7 @@ class FieldEfficiencyStudy(Study):
         return names | {"weather.file": "site"} if self.sites is not None and "weather.file" in names else names
 
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
-        """Return the functions that check the study across blocks, against the layout and against the sun."""
+        """Return the functions that check relations between study blocks, the layout and the sun."""
         return (
             _sun, site_notes, _columns, _mirrors, _tower, check_tower, _light, check_weather, check_availability,
             budget_problems,
@@ -412,7 +412,7 @@ def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _in_study(study: FieldEfficiencyStudy, layout: Layout, found: list[Problem]) -> list[Problem]:
-    """Merge all problems of a generated layout into one problem, because users cannot correct its rows."""
+    """Merge all problems of a generated layout into one problem, because users cannot correct generated rows."""
     if layout.lines is not None or not found:
         return found
     more = f" (and {len(found) - 1:,} more)" if len(found) > 1 else ""

@@ -361,7 +361,7 @@ class LightSums:
         return light * self._way.reflected(hours.month, len(hours.sun))
 
     def add(self, name: str, made: rays.Traced, scale: float = 1.0) -> None:
-        """Add the light on each receiver cell, multiplied by `scale`. [kW or MWh]"""
+        """Add the light on each receiver cell, multiplied by `scale`, to the flux map `name`. [kW or MWh]"""
         if flux_cells(self._study):
             flux, _ = self._maps.get(name, (0, scale))
             self._maps[name] = flux + made.flux, scale * made.unit

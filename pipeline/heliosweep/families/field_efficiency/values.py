@@ -308,8 +308,8 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
 
     Within a course, the axis rotates by the smaller angle between successive instants, and its angle may exceed a full
     turn. Between two courses (overnight), the axis may rotate by whole turns. The range is therefore the smallest range
-    that contains all courses. The rate is the angle between two successive instants of a course divided by the time
-    between them, which is a mean over this step.
+    that contains all courses. The rate is the mean rate over a step: the angle between two successive
+    instants of a course divided by the time between these instants.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ _TRACED: dict[str, tuple[str, str]] = {
 EFFICIENCIES, LIGHT = tuple(_EXACT), tuple(_TRACED)[len(_EXACT) - 1 :]
 SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
 DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
-#: Mean product of three efficiencies of a heliostat, and product of the field means of these efficiencies.
+#: Products of cosine, shading and blocking efficiency: mean product of a heliostat, and product of the field means.
 PRODUCT = "factored_efficiency"
 FACTORED = "field_efficiency_factored"
 #: Variables with random errors from ray tracing: first heliostat efficiencies (including the design point),
@@ -137,8 +137,8 @@ _IMAGES = (
 )
 
 
-#: Required study properties, name, dimensions, True if computed from complete fields, units, long name, comment and
-#: cell methods.
+#: Row of the table: required study properties, name, dimensions, True if computed from complete fields, units, long
+#: name, comment and cell methods.
 Row = tuple[Any, ...]
 
 
