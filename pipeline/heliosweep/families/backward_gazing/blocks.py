@@ -103,7 +103,7 @@ class Heliostat(Block):
 
     @property
     def rectangles(self) -> Rectangles:
-        """The modules as arrays that the kernels accept. [m]"""
+        """Modules as arrays for the kernels. [m]"""
         if isinstance(self.modules, str):
             return themis_8()
         return Rectangles(*(np.array([getattr(one, key) for one in self.modules]) for key in ("centre", "size")))
@@ -306,7 +306,7 @@ class Defects(Block):
     seed: Annotated[int | Sweep, _seed("Seed of the waviness", "defect_seed", "seed of the simulated waviness")] = 0
 
     def rules(self) -> Iterator[Fault]:
-        """Check the magnitude of each focal length. Negative values mean convex mirrors."""
+        """Check the magnitude of each focal length. Convex mirrors have negative focal lengths."""
         for number, (*lengths, _) in (self.curvature or {}).items():
             if min(map(abs, lengths)) < 10.0:
                 yield Fault("focal lengths must be at least 10 m, or at most -10 m", ("curvature", number))
@@ -379,7 +379,7 @@ class Output(StoredOutput):
 
 
 def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
-    return Quantity(description, unit, sweep=False, **bounds)  # type: ignore[arg-type]  # bounds are none of its flags
+    return Quantity(description, unit, sweep=False, **bounds)  # type: ignore[arg-type]  # the bounds are numbers
 
 
 class Metadata(Block):

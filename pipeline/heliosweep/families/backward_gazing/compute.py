@@ -1,14 +1,14 @@
 """Compute the slopes of one heliostat, or of all heliostats in a field, from simulated or measured images.
 
 Measured images are first rectified to the grid of the mirror (`kernels.gazing.geometry`), and then treated like
-simulated images. The noise that determines their uncertainties is given in the study. Otherwise it is estimated from
-the median of the squared Levenberg-Marquardt residuals, which is not sensitive to edges and dirt.
+simulated images. The uncertainties of the slopes follow from the image noise in the study. If the study gives no noise,
+it is estimated from the median of the squared Levenberg-Marquardt residuals, which is not sensitive to edges and dirt.
 
-In a field, the directions to sun and target are computed from the position of each heliostat. Its distance is the slant
-range, which is also the default ideal focal length. With ``facing: heliostat``, the target and its cameras are rotated
-about the vertical to face each heliostat. This represents four cameras on a ring around a tower. With ``fixed``, the
-target keeps the direction `target.face`. Noise and waviness are drawn separately for each heliostat, and noise also for
-each hour.
+In a field, the directions to sun and target are computed from the position of each heliostat. The distance of a
+heliostat is its slant range, which is also the default of its ideal focal length. With ``facing: heliostat``, the
+target and its cameras are rotated about the vertical to face each heliostat. This option represents four cameras on a
+ring around a tower. With ``facing: fixed``, the target keeps the direction `target.face`. Noise and waviness are drawn
+separately for each heliostat, and noise also for each hour.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.families.points import Point, Points
 
-#: A camera is dark if its lit fraction is below the first value. A camera or a module is hardly visible below the
-#: second value. Third, maximum ratio of residuals to the given noise, about 0.6 in a correct result.
+#: Lit fraction below which a camera is dark, fraction below which a camera or a module is hardly visible, and maximum
+#: ratio of the residuals to the noise in the study (about 0.6 in a correct result). [1]
 DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
 #: Keys that affect the scene, its images or the slopes.
 KEYS = (
@@ -91,7 +91,7 @@ class Failure(Exception):
 
 
 def values_of(point: Point, known: Mapping[str, float]) -> Values:
-    """Return the values of `KEYS` at a point, replaced by the values in `known`. Seeds without an effect are 0."""
+    """Return the values of `KEYS` at a point. Values in `known` have priority, and seeds without an effect are 0."""
     values = {key: known[key] if key in known else point[key] for key in KEYS}
     values = {key: one.item() if isinstance(one, np.generic) else one for key, one in values.items()}
     values["heliostat.focal_length"] = values["heliostat.focal_length"] or values["heliostat.distance"]
@@ -107,7 +107,8 @@ def values_of(point: Point, known: Mapping[str, float]) -> Values:
 def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) -> Scene:
     """Return the scene of a point. Raises Failure if the scene is impossible.
 
-    The cameras are at `positions` in the target's plane [m]. If these are None, the cameras' arrangement is used.
+    `positions` contains the positions of the cameras in the target's plane [m]. If `positions` is None, the arrangement
+    in the study is used.
     """
     try:
         return gazing_scene(
@@ -124,7 +125,7 @@ def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) ->
 
 
 def profile_of(values: Values, table: SunProfile | None, error: float = 0.0) -> Profile:
-    """Return the sun's profile, widened by a relative error.
+    """Return the sun's profile, widened by the relative error `error`.
 
     Raises Failure if the edge of the profile is not darker than its centre.
     """
@@ -137,7 +138,7 @@ def profile_of(values: Values, table: SunProfile | None, error: float = 0.0) -> 
         elif values["sun_profile"] == "noisy":
             noise, nodes, seed = (values[f"profile_noise.{key}"] for key in ("noise", "nodes", "seed"))
             profile = noisy(profile, noise, int(nodes), int(seed))
-            graduated(profile)  # noise may make a smoothed table unusable even if the table is usable
+            graduated(profile)  # raises ValueError if noise makes a smoothed table unusable
     except ValueError:
         raise Failure(names.NO_PROFILE) from None
     return scaled(profile, error) if error else profile
@@ -173,7 +174,7 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
 
 
 def sun_of(profile: Profile) -> dict[str, Any]:
-    """Return the values of a profile at `NODES` positions on the disc, and Jose's formula fitted to it."""
+    """Return the brightness of a profile at `NODES` positions on the disc, and the fit of Jose's formula."""
     nodes = np.linspace(0.0, 1.0, names.NODES)
     known = render(profile, nodes * profile.radius)
     limb, power, level, residual = formula_fit(profile.table if profile.table.size > 3 else known)
@@ -235,7 +236,7 @@ def results(
     study: BackwardGazingStudy, values: Values, seen: Any, slopes: Floats, counted: Floats,
     deviations: Iterable[Floats | None], least: Floats, quality: Integers,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the values of the variables that simulated and measured images have in common.
+    """Return the variables that are common to simulated and measured images.
 
     `seen` contains the layout, mirror, sun, kept pixels, images and estimated slopes. `counted` contains the slopes
     that are used for the estimates, and `deviations` the standard deviations of their noise. `least` contains the
@@ -269,7 +270,7 @@ def over_modules(seen: Any, values: Floats) -> tuple[Floats, Floats, Integers]:
 
 
 class Simulation:
-    """Simulation of a study. Results that successive points have in common are cached."""
+    """Simulation of a study, with a cache for results that are common to consecutive points."""
 
     def __init__(self, study: BackwardGazingStudy, table: SunProfile | None) -> None:
         self.study, self.table = study, table
@@ -280,7 +281,7 @@ class Simulation:
         self.mirror = lru_cache(4)(lambda pixel: mirror_grid(self.modules, pixel))
 
     def observe(self, values: Values) -> Any:
-        """Render the images at a point and estimate its slopes. Raises Failure if images cannot determine slopes.
+        """Render the images at a point and estimate the slopes. Raises Failure if the images cannot determine slopes.
 
         The result is a namespace with these attributes: `layout`; `mirror`; `keep`, shape (N,), True for pixels that
         remain after erosion; `count`, the number of modules; `sun`, the profile that renders the images; `profile`, the
@@ -300,8 +301,8 @@ class Simulation:
         gains = (1.0 + values["cameras.gain_error"]) * np.maximum(own, 0.0)
         if (kind := values["cameras.images"]) != "mirror_grid":
             reach = np.abs(self.modules.centre) + 0.5 * self.modules.size
-            # A tilted mirror appears foreshortened and rotated. The image is therefore large enough for the larger side
-            # in any direction.
+            # A tilted mirror appears foreshortened and rotated. Each side of the image therefore fits the longer side
+            # of the mirror.
             side = 2 * math.ceil(float(reach.max()) / pixel) + 2 * 4  # with a margin
             cameras = views.pinholes(layout, (side, side), layout.distance / pixel)
             surface = views.heliostat(*truth, None if wavy is None else (mirror, wavy))
@@ -332,7 +333,7 @@ class Simulation:
     def bound(self, seen: Any, values: Values, method: str | None = None) -> Floats:
         """Return the Cramer-Rao bound of the slopes, shape (2, N); NaN if fewer than 3 cameras are lit. [rad]
 
-        If the study sets `fit_gain`, the bound is for methods that fit a gain, except for method A.
+        If the study sets `fit_gain`, the bound includes a fitted gain, unless `method` is A.
         """
         step = views.FULL_SCALE / (2.0 ** values["cameras.bits"] - 1.0) if values["cameras.bits"] else 0.0
         deviation = math.hypot(values["cameras.noise"], step / math.sqrt(12.0))  # noise, and rounding to levels
@@ -380,7 +381,7 @@ class Simulation:
         return made | {"slant_range": np.sqrt(layout.x**2 + layout.y**2 + up**2)[span]}
 
     def _scene(self, point: Point, way: Floats, sun: Floats, number: tuple[int, int]) -> dict[str, Any]:
-        """Compute the variables of one heliostat at one hour. The numbers of heliostat and hour modify the seeds."""
+        """Compute the variables of one heliostat at one hour. Seeds depend on the numbers of heliostat and hour."""
         if not sun[2] > 0.0:
             return {"scene_status": names.NO_SUN}
         (sun_azimuth, sun_elevation), (azimuth, elevation) = _direction(sun), _direction(way)
@@ -472,7 +473,7 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         noise, freedom = shots.noise, cameras - 2 - fit_gain
         use = seen.keep & (freedom > 0) & np.isfinite(fit.merit) & (fit.flags == 0)
         if math.isnan(noise) and np.count_nonzero(use) >= 20:  # minimum number of pixels
-            # Medians of the chi-squared distribution for 1, 2, ... degrees of freedom.
+            # Medians of the chi-squared distribution for 1 to 6 degrees of freedom.
             medians = np.array((0.454936, 1.386294, 2.365974, 3.356694, 4.351460, 5.348121))
             noise = math.sqrt(float(np.median(fit.merit[use] / (share[use] * medians[freedom[use] - 1]))))
         deviation = np.where(np.isfinite(fit.slopes), fit.deviation * noise * np.sqrt(share), np.nan)
@@ -501,8 +502,8 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
 def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -> tuple[Floats, dict[str, Floats]]:
     """Return the corners in all images, shape (4, 4, 2), and the variables of the registration.
 
-    Corners are NaN for images with a known pinhole geometry, which needs no corners. If the heliostat is not found, a
-    ValueError with the index of the image and the reason is raised.
+    Corners are NaN for images with a known pinhole geometry, for which no corners are needed. If the heliostat is not
+    found, a ValueError with the index of the image and the reason is raised.
     """
     corners, found = shots.corners.copy(), np.full((len(names.REGISTERED), CAMERAS), math.nan)
     upright = views.pinholes(layout, shots.images.shape[1:], ANY_FOCAL) if shots.register.any() else None
@@ -525,7 +526,7 @@ def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -
 def _on_mirror(
     point: Point, seen: Any, focal_length: float, threshold: float, shots: Shots
 ) -> tuple[Floats, Integers, Floats, dict[str, Floats]]:
-    """Return the images on the mirror grid, as `rectify` does, and the registration variables. Raises Failure."""
+    """Return the images, flags and noise factors on the mirror grid, and registration variables. Raises Failure."""
     if shots.rectified:
         images = shots.images[:, ::-1].reshape(CAMERAS, -1)[:, seen.mirror.place]  # grid rows start at the bottom
         flags = views.SATURATED * (images >= shots.saturation[:, np.newaxis])
@@ -546,7 +547,7 @@ def computation(study: BackwardGazingStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
     simulation, area = lru_cache(1)(partial(Simulation, study)), study.heliostat.rectangles.size.prod(axis=1).sum()
     pixels = math.ceil(area / min(ends(study.heliostat.pixel)) ** 2)
-    # bytes per pixel, including results that points have in common
+    # bytes per pixel, including results that are common to several points
     each = 8 * (4 * 2 * len(study.method) * len(study.referential) + 80)
     kind = "measured" if study.mode == "measured" else "field" if study.field else "simulated"
     hours, layouts = len(study.field.hours) if study.field else 1, partial(LayoutAxis, key="field.layout")
@@ -651,7 +652,7 @@ def _direction(vector: Floats) -> tuple[float, float]:
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield warnings about scenes without slopes, partly visible modules, images, levels and shapes."""
+    """Yield warnings about missing slopes, partly visible modules, images, grey levels and module shapes."""
     status, mode = result["scene_status"], result.attrs["mode"]
     what = "scenes" if mode == "field" else "points"
     for code, count in zip(*np.unique(status, return_counts=True), strict=True):

@@ -1,15 +1,15 @@
-"""Read image files that show the heliostat or the sun, with the data of the cameras, levels and metadata.
+"""Read images of the heliostat or the sun, with camera data, grey levels and metadata.
 
 NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.Metadata`. They are
 stored as cards of a FITS header, as text chunks of a PNG file, or as lines ``KEY = value`` in a TIFF ImageDescription.
-Values in the study have priority. The first row of an image is its top row. FITS files store the bottom row first,
-unless the card ROWORDER is TOP-DOWN.
+Values in the study have priority over metadata. The first row of an image is its top row. FITS files store the bottom
+row first, unless the card ROWORDER is TOP-DOWN.
 
-If corners are not marked, the heliostat is found with scikit-image. Rotation, scale and shift are computed by phase
-correlation: the lit pixels are compared with the silhouette of the modules in an upright camera. Then each side of the
-heliostat is located to a fraction of a pixel. The brightness profile across the side gives its offset at many
-positions, and a line is fitted to the offsets by RANSAC. The corners are the intersections of adjacent sides. A camera
-may be rotated by at most 40 deg, because the layout of the modules looks the same upside down.
+If the corners of the heliostat are not marked, the heliostat is located with scikit-image. Rotation, scale and shift
+are computed by phase correlation: the lit pixels are compared with the silhouette of the modules in an upright camera.
+Then each side of the heliostat is located to a fraction of a pixel. Brightness profiles across the side give its offset
+at many positions, and a line is fitted to the offsets by RANSAC. The corners are the intersections of adjacent sides.
+A camera may be rotated by at most 40 deg, because the layout of the modules looks the same upside down.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ if TYPE_CHECKING:
 MAX_PIXELS, MIN_SIDE = 25_000_000, 4
 #: Quantities that metadata can contain, by key.
 KEYS: dict[str, Quantity] = {key: Metadata.parameter(key) for key in Metadata.model_fields}  # type: ignore[misc]
-#: Keys of the study that metadata can replace if the four images have equal values.
+#: Study keys that may be omitted if the metadata of the four images contain equal values.
 GEOMETRY = {
     "SUNAZ": "sun.azimuth", "SUNEL": "sun.elevation", "TARGETAZ": "target.azimuth", "TARGETEL": "target.elevation",
     "DISTANCE": "heliostat.distance",
 }  # fmt: skip
-#: Sources of a white level. Only levels from the first two are measured through the mirror.
+#: Sources of a white level. Only white levels from the study or the metadata are measured through the mirror.
 KNOWN_WHITE, SUN_IMAGE, BRIGHTEST = ("study", "metadata"), "sun_image", "brightest_pixels"
-#: Focal length that is used if corners are marked and the focal length is unknown. Its value is arbitrary, because the
+#: Focal length that is used if corners are marked and the focal length is unknown. The value is arbitrary, because the
 #: homography contains the scale. [pixels]
 ANY_FOCAL = 1000.0
-#: Maximum distance between a side and its expected position in each round, and half the blur width of the side. Third,
-#: width of the bands along the side in which the bright and the dark level are measured. [pixels]
+#: Maximum distance between a side and its expected position in each round, half the blur width of a side, and width of
+#: the bands along a side in which the bright and dark levels are measured. [pixels]
 REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
 #: Sample spacing along and across a side, and maximum distance between an offset and the fitted line. [pixels]
 ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
@@ -71,7 +71,7 @@ class Picture(NamedTuple):
         Minimum level of a saturated pixel. This is the maximum of the data type, unless the brightest pixel has the
         maximum level of a sensor with fewer bits (for example a 12-bit sensor in a 16-bit file).
     metadata : dict
-        Values that the file contains for the keys in `KEYS`.
+        Metadata values of the file, for keys in `KEYS`.
     name : str
         Name of the file in the study.
     """
@@ -155,7 +155,7 @@ def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None
 
 
 def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
-    """Return the values of the known keys. Raises a StudyError that lists all invalid values."""
+    """Return the metadata values of the keys in `KEYS`. Raises a StudyError that lists all invalid values."""
     found, problems = dict[str, float](), []
     for key, quantity in KEYS.items():
         try:
@@ -177,7 +177,7 @@ def read_disc(path: Path, name: str) -> SunProfile:
     Parameters
     ----------
     path, name
-        As in `heliosweep.config.tables.read_profile`.
+        File to read, and name of the file in messages.
 
     Raises
     ------
@@ -202,12 +202,14 @@ def read_disc(path: Path, name: str) -> SunProfile:
     return profile
 
 
-#: Images of a study with cameras and levels, as returned by `read_shots`.
+#: Type of the object that `read_shots` returns: images of a study with camera data and grey levels.
 Shots = SimpleNamespace
 
 
 def read_shots(study: BackwardGazingStudy) -> Shots:
-    """Read the images of a study with cameras and levels. Raises a StudyError that lists all problems of the files.
+    """Read the images of a study, with camera data and grey levels.
+
+    Raises a StudyError that lists all problems of the files.
 
     Returns
     -------
@@ -218,7 +220,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     rectified : bool
         True if the images are on the grid of the mirror.
     register : ndarray of bool, shape (4,)
-        True for images in which the heliostat must be found.
+        True for images in which the heliostat must be located.
     focal, centre, roll : ndarray, shape (4,), (4, 2) and (4,)
         Focal lengths [pixels], column and row of the line of sight [pixels], and rotations [rad] of the cameras.
     corners : ndarray, shape (4, 4, 2)
@@ -228,7 +230,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     geometry : dict
         Values of study keys that are taken from the metadata.
     white, white_from : ndarray, shape (4,), and tuple of str
-        White levels, and their sources: `KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`.
+        White levels, and the source of each level (`KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`).
     needs_gain : bool
         True if a gain must be fitted for each pixel, because a white level was not measured through the mirror.
     noise : float
@@ -291,7 +293,7 @@ def bright_level(image: Floats) -> float:
 
 
 def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
-    """Return the sun profile from the study's sun image or table, or None, and notes. Raises StudyError."""
+    """Return notes, and the sun profile from the sun image or table of a study, if any. Raises StudyError."""
     key, name, table = "sun.image", study.sun.image, study.sun.profile
     if name is None:
         return None if table is None else read_disc(study.resolve(table), table), []
@@ -319,7 +321,7 @@ def _stated(study: BackwardGazingStudy, key: str) -> Any:
 
 
 def _disc(study: BackwardGazingStudy, name: str) -> tuple[Picture, SunDisc]:
-    """Return the image of the sun and the disc that it shows. Raises StudyError."""
+    """Return the image of the sun, and the solar disc in the image. Raises StudyError."""
     picture = _read(study, "sun.image", name)
     saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
     try:
@@ -331,7 +333,7 @@ def _disc(study: BackwardGazingStudy, name: str) -> tuple[Picture, SunDisc]:
 
 
 def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
-    """Read the image that a key of the study names. Problems refer to this key."""
+    """Read the image that a study key names. Problems with the image refer to this key."""
     try:
         return read_picture(study.resolve(name), name)
     except StudyError as error:
@@ -399,7 +401,7 @@ def _positions(study: BackwardGazingStudy, said: list[dict[str, float]]) -> tupl
 
 
 def _geometry(study: BackwardGazingStudy, pictures: list[Picture]) -> dict[str, float]:
-    """Return the sun, target and distance values that the study omits, taken from the metadata."""
+    """Return the values of sun, target and distance keys that the study omits, from the metadata of the images."""
     found, least = dict[str, float](), study.heliostat.reach
     for key, dotted in GEOMETRY.items():
         block, name = dotted.split(".")
@@ -495,7 +497,7 @@ def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules)
     quads, ends = upright(corners.reshape(2, -1)).T, upright(outline(modules).T)
     area = abs(np.linalg.det(np.diff(ends[:, :3], axis=1)))
     about, best = math.sqrt(small.sum() * step**2 / area), (-1.0, None)
-    # The first estimate is the square root of the lit area. It is too small if modules are dark.
+    # The first estimate of the scale follows from the lit area. This estimate is too small if modules are dark.
     for scale in about * np.exp(np.arange(-0.16, 0.53, 0.06)):
         for turn in np.radians(np.arange(-40.0, 41.0, 4.0)):
             map_ = SimilarityTransform(translation=-ends.mean(axis=1)) + SimilarityTransform(scale=scale, rotation=turn)
@@ -513,7 +515,10 @@ def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules)
 def _corners(
     seen: Floats, upright: Callable[[Floats], Floats], whole: Any, ends: Floats, reach: float
 ) -> tuple[Floats, float]:
-    """Locate the sides within `reach` of their expected positions. Return corners, shape (4, 2), and residual."""
+    """Locate the sides of the heliostat within the distance `reach` of their expected positions.
+
+    Return the corners, shape (4, 2), and the root mean square residual. [pixels]
+    """
     from scipy.ndimage import map_coordinates
     from skimage.measure import LineModelND, ransac
 

@@ -38,10 +38,10 @@ MODES = {
     "simulated": "images are simulated for a heliostat with known defects",
     "measured": "images are read from four files",
 }
-#: Keys that are required for a single heliostat. In a field, their values are computed.
+#: Keys that are required for a single heliostat, but computed for the heliostats of a field.
 PLACE = (("heliostat", "distance"), ("target", "azimuth"), ("target", "elevation"), ("sun", "azimuth"),
          ("sun", "elevation"))  # fmt: skip
-#: Problems, and notes as strings.
+#: Problems of a study, and notes in the form of strings.
 Found = Iterator[Problem | str]
 #: Maximum number of pixels on a mirror.
 MAX_PIXELS = 20_000_000
@@ -56,7 +56,7 @@ SIMULATED = (
 
 @dataclass(frozen=True)
 class Names(Choice):
-    """One or more names in the given order. They always form a dimension, but are never a sweep."""
+    """One or more names, in the order of the study. The names always form a dimension, but are never a sweep."""
 
     sweep: bool = field(default=False, kw_only=True)
 
@@ -67,7 +67,7 @@ class Names(Choice):
         return read_items(raw if isinstance(raw, list | tuple) else [raw], self._one)
 
     def json_schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of a name or a list of them."""
+        """Return the JSON Schema of a name or a list of names."""
         one = {"enum": list(self.options)}
         return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1, "uniqueItems": True}]}
 
@@ -119,7 +119,7 @@ class BackwardGazingStudy(Study):
     output: Annotated[Output, Field(description="Stored variables and format")] = Output()
 
     def reserved_names(self) -> frozenset[str]:
-        """Return the names that are reserved for the result. Columns of a layout must not use them."""
+        """Return the names of variables and coordinates, which columns of a layout must not use."""
         # this module imports xarray, which studies without a layout do not need
         from heliosweep.families.backward_gazing import variables as names
 
@@ -132,7 +132,7 @@ class BackwardGazingStudy(Study):
         return frozenset((*names.FIELD, *names.SIMULATED, *names.MAPS, *names.over_seeds(()), *labels, *keys))
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the study has the blocks that its mode needs, and no others."""
+        """Check that the study has the blocks that its mode needs, and no other blocks."""
         yield from self.output.without_series()
         sun, output = self.sun, self.output
         only = "is only for mode: {}: remove it, or change 'mode'"
@@ -262,7 +262,10 @@ def _focal_length(study: BackwardGazingStudy) -> Found:
 
 
 def _profile(study: BackwardGazingStudy) -> Found:
-    """Check that the profile table is readable. Yield a note if it rises, in which case its envelope is used."""
+    """Check that the profile table is readable.
+
+    Yield a note if the brightness increases towards the edge, because a decreasing envelope of the table is then used.
+    """
     from heliosweep.families.backward_gazing.images import read_disc
 
     name = study.sun.profile

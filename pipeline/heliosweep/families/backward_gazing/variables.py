@@ -1,7 +1,7 @@
 """Names, CF attributes and definitions of the variables, flags and coordinates, in the order of the result file.
 
-As in Table 1 of the paper, X is horizontal and Y is vertical. X is the y axis of the mirror, to the right as seen from
-the target, and Y is its z axis, up.
+As in Table 1 of Defieux et al. (2020), X is the horizontal and Y the vertical direction. X is the y axis of the mirror,
+to the right as seen from the target. Y is the z axis of the mirror, upwards.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STATUS = {
     NOT_IDENTIFIABLE: "cameras_in_one_line_or_no_reflection_possible",
     NO_PROFILE: "noise_makes_the_sun_no_darker_at_its_edge",
 }
-#: Bits of `quality`. The first three are set by the search for slopes. The last two exist only for measured images.
+#: Bits of `quality`. The search for slopes sets the first three bits. Only measured images have the last two bits.
 QUALITY = {
     NOT_CONVERGED: "not_converged",
     UNLIT: "fewer_than_three_cameras_lit",
@@ -52,7 +52,10 @@ _HOUR = ("heliostat", "hour")
 
 
 def _both(name: str, dims: tuple[str, ...], long_name: str, comment: str = "", units: str = "mrad") -> dict[str, Any]:
-    """Return the x and y variables of a quantity. ``%`` is x or y in names, and the direction in long names."""
+    """Return the x and y variables of a quantity.
+
+    ``%`` is replaced by x or y in the name, and by the direction in the long name.
+    """
     return pair(name, {"x": "horizontal", "y": "vertical"}, dims, units, long_name, comment)
 
 
@@ -124,7 +127,7 @@ _ESTIMATES = {
         "mean over the pixels that have slopes; A searches nothing",
     ),
 }
-#: Long name of the bound that noise sets for the slopes of a pixel. For a module, the variable is a mean.
+#: Long name of the lower bound on the noise of a pixel's slopes. The value of a module is a root mean square.
 _BOUND = "minimum standard deviation of the % slopes of a pixel for these cameras"
 
 #: Variables of the sun.
@@ -338,7 +341,7 @@ _SMALLEST = tuple(
 
 #: Keys that affect only the random numbers of a scene.
 SEEDS = ("cameras.seed", "defects.seed", "profile_noise.seed")
-#: Percentiles over the seeds and their names, by the suffix of the variable.
+#: Percentile over the seeds and its name, for each suffix of a variable name.
 PERCENTILES = {"median": (50.0, "median"), "low": (5.0, "5th percentile"), "high": (95.0, "95th percentile")}
 
 
@@ -348,7 +351,10 @@ def seed_dims(study: BackwardGazingStudy) -> tuple[str, ...]:
 
 
 def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
-    """Return the variables of a study. One simulated heliostat with swept seeds also has percentiles over the seeds."""
+    """Return the variables of a study.
+
+    If seeds are swept, the study of one simulated heliostat also has percentiles over the seeds.
+    """
     seeds, found = seed_dims(study), FIELD | (FIELD_MAPS if study.output.maps else {})
     if study.mode == "measured":
         found = MEASURED

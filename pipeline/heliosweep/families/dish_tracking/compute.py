@@ -60,8 +60,8 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
     mount = tuple(dim for dim in parameters.sizes if dim not in parameters.site_dims)
     direction, dates, directed = ("axis_tilt_direction",), len(study.time.date_list()) > 1, _directed(study)
     series, deviation = study.output.time_series, "standard_deviation ({}, n - 1)"
-    #: Columns: condition, name, dimension, type, True for statistics, swept dimensions along which values do not vary,
-    #: and attributes.
+    #: Columns: condition, dimension, data type, True for statistics, swept dimensions along which values do not vary,
+    #: and attributes by variable name.
     table: list[tuple[bool, str, str, bool, tuple[str, ...], dict[str, dict[str, Any]]]] = [
         (True, "date", "float64", False, (), {
             **_factors(effective_tracking_factor=(day, _DAILY)),
@@ -193,9 +193,11 @@ def _months(study: DishTrackingStudy) -> tuple[NDArray[Any], NDArray[np.int64]]:
 
 
 def factors(point: Point) -> dict[str, Any]:
-    """Compute factors, errors and tolerable tilts. If instants are stored, return errors and sun at each instant.
+    """Compute tracking factors, tracking errors and tolerable tilts at a point.
 
-    Factors and errors are NaN at unused instants, and on dates without a used instant.
+    In a region of the time series, the result contains the tracking error and the solar position at each instant
+    instead. Tracking errors are NaN at instants that are not evaluated, and daily values on dates without an evaluated
+    instant.
     """
     study, model = point.study, str(point["mount.model"])
     place = tuple(float(point[key] or 0.0) for key in _SITE)
@@ -227,7 +229,7 @@ def factors(point: Point) -> dict[str, Any]:
 
 
 def _energy(point: Point, model: str, place: tuple[float, ...], mount: Sequence[Floats]) -> dict[str, Any]:
-    """Return the intercept, energy and loss for each mount, over the hours of a weather file with the sun up."""
+    """Return the intercept, energy and energy loss of each mount over the sunlit hours of a weather file."""
     weather, sizes = point.inputs, [float(np.ravel(point[key])[0]) for key in _CONCENTRATOR]
     sun = sun_of(point.study.ephemeris, place, weather.utc)
     lit = np.flatnonzero((sun[:, 2] > 0) & (weather.dni > 0))
@@ -284,8 +286,8 @@ def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.
 def _statistics(values: Floats, groups: NDArray[np.int64] | None = None) -> tuple[Floats, ...]:
     """Return mean, sample standard deviation (n - 1), minimum and maximum along the last axis, ignoring NaN.
 
-    If `groups` is given, it contains the group number of each value. Statistics are then computed for each group, and
-    the last axis of the results is the group.
+    `groups` contains the group number of each value. If `groups` is given, statistics are computed for each group, and
+    the groups are the last axis of the results.
     """
     if groups is not None:
         each = [_statistics(values[..., groups == group]) for group in range(groups.max() + 1)]
@@ -301,7 +303,7 @@ def _statistics(values: Floats, groups: NDArray[np.int64] | None = None) -> tupl
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield a remark with the number of dates without a used instant."""
+    """Yield a warning with the number of dates without an evaluated instant."""
     empty = int(result["window_is_empty"].sum())
     if empty:
         yield (
@@ -311,10 +313,10 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 @lru_cache(maxsize=4)  # the chunks of a site are computed one after another
 def windows_of(time: DishTime, ephemeris: Ephemeris, timezone: str, place: tuple[float, ...]) -> Windows:
-    """Return the sun vectors at the used instants of each window at a site. Dates without used instants have weight 0.
+    """Return the sun vectors at the evaluated instants of each daily window at a site.
 
-    `place` contains latitude and longitude [deg], positive north and east, and altitude [m]. Dates and windows refer to
-    local time in the time zone.
+    A date without an evaluated instant has an empty window. `place` contains latitude and longitude [deg], positive
+    north and east, and altitude [m]. Dates and windows refer to local time in the time zone.
     """
     sun = partial(sun_of, ephemeris, place)
     dates = _sunlit_windows(time, timezone, sun) if time.window.sunlit else daily_windows(time, timezone)

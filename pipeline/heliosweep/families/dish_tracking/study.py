@@ -39,8 +39,8 @@ MODELS = {
     "rigid": "the whole mount is tilted, and the controller does not correct the tilt",
     "untilted_home_axes": "only the azimuth axis leans, and the home position is correct (Liu et al. 2022)",
 }
-#: Maximum number of tilt directions that are compared with each other. A warning is given if a larger fraction of the
-#: instants has the sun below the horizon. Third, word for a window from sunrise to sunset.
+#: Maximum number of tilt directions that are compared with each other, fraction of nighttime instants above which a
+#: warning is given, and word for a window from sunrise to sunset.
 MOST_DIRECTIONS, NIGHT, SUNLIT = 100_000, 0.01, "sunrise_to_sunset"
 
 
@@ -107,14 +107,14 @@ class DishTime(CivilTime):
     daylight_only: Annotated[bool, Flag("True to evaluate only instants with the sun above the horizon")] = False
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the length of a wall-clock window is a whole number of steps if instants represent steps."""
+        """Check that the dates ascend, and the length of a wall-clock window if `sampling` is not inclusive."""
         if not self.window.sunlit:
             yield from super().rules()
         if any(later <= earlier for earlier, later in itertools.pairwise(self.date_list())):
             yield Fault("must rise", ("dates",), show_value=False)
 
     def window_seconds(self) -> tuple[float, float, float]:
-        """Return the start and the end of the window, in seconds after midnight on the wall clock, and its step. [s]"""
+        """Return the start and end of the window after midnight on the wall clock, and the step of instants. [s]"""
         return (0.0, 86400.0, self.window.step * 3600) if self.window.sunlit else super().window_seconds()
 
 
@@ -303,7 +303,10 @@ def _weather(study: DishTrackingStudy) -> Iterator[Problem | str]:
 
 
 def _doubts(study: DishTrackingStudy) -> Iterator[Problem | str]:
-    """Yield problems about repeated tilt directions and a tied tilt, and a warning if nighttime instants are used."""
+    """Yield problems if tilt directions repeat, or if the tilt is tied to another key.
+
+    Yield a warning if many of the evaluated instants are at night.
+    """
     direction = study.errors.axis_tilt_direction
     if isinstance(direction, Sweep) and not isinstance(direction, Drawn) and len(direction) <= MOST_DIRECTIONS:
         turns = np.round(np.mod(direction.values(), 360.0), 9) % 360.0

@@ -1,7 +1,7 @@
-"""Mode `calibration`: estimate mount errors from measured or synthetic spots, and compute commands to correct them.
+"""Mode `calibration`: estimate mount errors from measured or synthetic spots, and compute corrected commands.
 
-The first axes of all values are H heliostats and K draws. Measured spots and detector crossings have K = 1. Estimates
-from crossings (mode `detectors`) have the same variables as estimates from spots.
+The first two axes of each array are the heliostats (H) and the draws (K). For measured spots and measured crossings,
+K is 1. Estimates from detector crossings (mode `detectors`) have the same variables as estimates from spots.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from heliosweep.mounts import CALIBRATION_STATUS, LOSSES, error_changes
 
 Values = dict[str, NDArray[Any]]
 
-#: Status codes in addition to the kernel's codes: doubtful estimates, and spots that disagree.
+#: Status codes that the kernel does not set: the estimate is doubtful, or the spots disagree.
 DOUBTFUL, DISAGREE = 7, 8
 #: Status codes of estimates that can be used for commands.
 KNOWN = (ESTIMATED, INDISTINCT, codes.EXACT, DOUBTFUL, DISAGREE)
@@ -54,23 +54,24 @@ STATUS = {
     DOUBTFUL: "estimated_but_errors_or_spots_are_too_large_to_be_believed",
     DISAGREE: "estimated_but_spots_disagree",
 }
-#: An estimate is doubtful if a mount error exceeds the first value [mrad]. It is also doubtful if a measured spot is
-#: farther than the second value from its prediction for a mount without errors [widths and heights of the aperture].
+#: Limits above which an estimate is doubtful: magnitude of a mount error [mrad], and distance of a measured spot from
+#: the spot of a mount without errors [widths or heights of the aperture].
 DOUBTFUL_ERROR, DOUBTFUL_APERTURES = 50.0, 3.0
-#: A spot disagrees if it deviates more from the prediction by the other spots. [robust standard deviations]
+#: Maximum distance of a consistent spot from the prediction by the other spots. [robust standard deviations]
 LARGEST_DEVIATION = 5.0
 #: Codes for alternative interpretations of a spot table.
 MIRRORED, EARLIER, LATER = 1, 2, 3
 READINGS = {0: "as_given", MIRRORED: "mirrored", EARLIER: "an_hour_earlier", LATER: "an_hour_later"}
 #: Median length of a vector with two standard normal coordinates, tuning constant for Huber's weights, and number of
-#: fits.
+#: fits with these weights.
 _MEDIAN, _HUBER, _ROUNDS = 1.17741, 1.345, 2
-#: Minimum distance from its prediction at which a spot can disagree. [m]
+#: Distance between a spot and its prediction below which the spot never counts as an outlier. [m]
 LEAST_DISTANCE = 0.005
-#: Factor by which an alternative interpretation must reduce the residuals, and degrees of freedom that this comparison
-#: requires.
+#: Minimum factor by which an alternative interpretation of the table must reduce the residuals, and minimum number of
+#: degrees of freedom for the comparison.
 MUCH_BETTER, LEAST_FREEDOM = 2.0, 4
-#: Residuals, and spots before and after calibration: long name, comment for synthetic and comment for measured spots.
+#: Long names of residuals and of spots before and after calibration, each with a comment for synthetic spots and a
+#: comment for measured spots.
 _SPOTS = {
     "residual_{}": ("measured minus predicted spot", "missing on days that are not used", "in the order of the file"),
     "spot_{}_before": (
@@ -122,7 +123,7 @@ def computation(study: MisalignmentStudy) -> Computation:
 
 
 def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
-    """Return the inner dimensions of estimates with their labels; `what` is "measured", "spot" or "crossing"."""
+    """Return the labels of the inner dimensions of estimates, with `what` ("spot" or "crossing") in long names."""
     error, draws = (np.array(ERRORS, dtype=object), {"long_name": "error of the mount"}), draw_count(study)
     labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
     if draws:
@@ -224,7 +225,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Add the variables of commands, prepend the dimension of draws, and mark the best values."""
+    """Add the variables of commands, prepend the dimension `sample` if errors are drawn, and define the best values."""
     lead, each = ("sample",) if draw_count(study) else (), ("heliostat", *instant_sizes(study))
     nominal = pair("nominal_%", MOUNT_AXES, each, "degree", "commanded angle of the % axis without calibration")
     meaning = "corrected command of the % axis with the estimated errors"
@@ -235,7 +236,7 @@ def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[st
 
 
 def arranged(study: MisalignmentStudy, variables: Mapping[str, Variable], values: Values) -> Values:
-    """Return the values, reshaped to the dimensions of their variables."""
+    """Reshape each array to the dimensions of its variable."""
     instants, made = tuple(instant_sizes(study).values()), {}
     for name in values.keys() & variables.keys():
         dims, array = variables[name].dims, values[name]
@@ -318,7 +319,10 @@ def estimates(found: Fit, samples: int, what: str) -> Values:
 
 
 def rms(squares: Floats, counted: NDArray[np.bool_], coordinates: int = 1) -> Floats:
-    """Return the root mean square per coordinate along the last axis, from counted squares; NaN if none counts."""
+    """Return the root mean square per coordinate along the last axis, from the squares flagged in `counted`.
+
+    The result is NaN if no square is flagged.
+    """
     count = coordinates * np.count_nonzero(counted, axis=-1)
     total = np.sum(np.where(counted, squares, 0.0), axis=-1)
     return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))
@@ -349,12 +353,12 @@ def command_values(mounts: Mounts, sun: Floats, corrected: Floats) -> Values:
 
 
 def pairs(name: str, values: Floats) -> Values:
-    """Split an array whose last axis contains y and z into two values, named after y and z."""
+    """Split an array along its last axis into a y variable and a z variable."""
     return {name.format(side): values[..., index] for index, side in enumerate("yz")}
 
 
 def calibrate(variables: dict[str, Variable], point: Point) -> Values:
-    """Estimate the mount errors at one point of the result, and compute commands that correct them."""
+    """Estimate the mount errors at one point of the parameter grid, and compute the corrected commands."""
     study, scene, block = point.study, Scene.of(point), point.study.calibration
     options = {
         "parameters": int(point["calibration.parameters"]),
@@ -372,7 +376,10 @@ def calibrate(variables: dict[str, Variable], point: Point) -> Values:
 
 
 def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Values, Floats]:
-    """Calibrate from synthetic spots. Return the result's values, and the errors that the commands correct."""
+    """Estimate the mount errors from synthetic spots.
+
+    Return the variables, and the mount errors that the corrected commands assume, shape (H, K, 6). [rad]
+    """
     seed, noise, mounts = point.study.mount_errors.seed or 0, point["calibration.noise"], scene.mounts()
     days, hours = instant_sizes(point.study).values()
     used = hours * int(point["calibration.days_used"] or days)
@@ -397,10 +404,10 @@ def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Val
 
 
 def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
-    """Return spots y, z of mounts with `actual` errors whose commands correct the `known` errors.
+    """Return the spots (y, z) of mounts whose errors are `actual` and whose commands correct the errors `known`.
 
-    Both errors have the shape (H, K, 6); `known` may have the shape (1, 1, 6). The result has the shape (H, K, T, 2).
-    [m]
+    Both arrays of errors have the shape (H, K, 6) [rad]; `known` may also have the shape (1, 1, 6). The spots have the
+    shape (H, K, T, 2) [m].
     """
     setting = Setting._make(np.repeat(values, actual.shape[1]) for values in scene.setting)
     each = np.swapaxes(actual, 0, 1), np.swapaxes(known, 0, 1)
@@ -408,9 +415,9 @@ def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
 
 
 def _measured(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Values, Floats]:
-    """Calibrate from measured spots, and check whether the spots are consistent.
+    """Estimate the mount errors from measured spots, and check whether the spots are consistent.
 
-    Return the values, and the errors that commands correct.
+    Return the variables, and the mount errors that the corrected commands assume, shape (H, 1, 6). [rad]
     """
     block, measured = point.study.calibration, point.inputs[PurePath(point["calibration.spots"]).name]
     mounts, numbers, all_held = scene.mounts(), scene.numbers, measured.held_out(block.held_out)
@@ -450,7 +457,7 @@ def _windows(
     mounts: Mounts, observed: Observed, utc: NDArray[np.datetime64], begins: NDArray[np.datetime64], days: float,
     options: dict[str, Any],
 ) -> Values:  # fmt: skip
-    """Estimate the errors from the spots in each window, and compare them with the first estimates."""
+    """Estimate the mount errors from the spots in each time window, and their changes since the first estimate."""
     length, found = np.timedelta64(round(days * 86400e9), "ns"), []
     for begin in begins:
         inside = (utc >= begin) & (utc < begin + length)
@@ -506,11 +513,11 @@ def _medians(values: Floats) -> Floats:
 def _better_reading(
     mounts: Mounts, observed: Observed, given: NDArray[np.bool_], found: Fit, latitude: float, options: dict[str, Any]
 ) -> NDArray[np.int64]:
-    """Return the best interpretation of the table for each heliostat, a code of `READINGS`, shape (H,).
+    """Return the interpretation of the spot table that fits each heliostat best, a code of `READINGS`, shape (H,).
 
     An alternative interpretation is chosen if its mount errors are plausible and it more than halves the root mean
-    square of the residuals. In a mirrored table, the sign of y or z is reversed. If times are an hour early or late,
-    the sun is rotated about the Earth's axis. Missing commanded angles are computed for the rotated sun.
+    square residual. In a mirrored table, the sign of y or z is reversed. For times that are an hour early or late, the
+    sun is rotated by 15 deg about the Earth's axis. Missing commanded angles are computed for the rotated sun.
     """
     pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
 

@@ -1,4 +1,4 @@
-"""Mode `detectors`: traces that cross detector arrays, errors estimated from the crossings, and a closed loop."""
+"""Mode `detectors`: mount errors from crossings of traces with detector arrays, and a closed loop of corrections."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> Values:
-    """Compute the crossings, the estimated errors and the commands at one point of the result."""
+    """Compute the crossings, the estimated errors and the commands at one point of the parameter grid."""
     study, scene = point.study, Scene.of(point)
     given = {key: point[f"detectors.{key}"] for key in DEFAULTS}
     settings = DEFAULTS | {key: value for key, value in given.items() if value is not None}
@@ -184,7 +184,11 @@ def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> 
 
 
 class _Field(NamedTuple):
-    """Mounts and detector arrays, with the aperture's half sides [m], suns (T, 3) and spread of the readings [m]."""
+    """Mounts, aperture, sun and detector arrays.
+
+    `half` contains half the width and half the height of the aperture [m], and `sun` the unit vectors to the sun, shape
+    (T, 3). `spread` is the standard deviation of a detector reading [m].
+    """
 
     mounts: Mounts
     half: Floats
@@ -194,14 +198,14 @@ class _Field(NamedTuple):
     options: dict[str, Any]
 
     def crossings(self, mirror: Stand) -> tuple[Floats, Floats]:
-        """Return the crossings' positions along the arrays, shape (H, K, T, 2, A, C) [m], and cylinder angles [rad]."""
+        """Return the positions of crossings along arrays [m] and cylinder angles [rad], shape (H, K, T, 2, A, C)."""
         start, along = self.mounts.on_face(self.segments.start), self.mounts.on_face(self.segments.along)
         places, angles = traces.crossings(mirror, self.sun, start, along, self.segments.ends)
         places[~(traces.dot(mirror.centre, self.mounts.face[0]) > 0)] = np.nan
         return self.segments.by_array(places, angles)
 
     def observed(self, angles: Floats, readings: Floats) -> Observed:
-        """Convert readings to observations, shape (H K, T, M, ...).
+        """Convert detector readings to observations, shape (H K, T, M, ...).
 
         Readings have the shape (H, K, T, 2, A, C), and commanded `angles` have the shape (H, K, T, 2).
         """
@@ -238,7 +242,7 @@ class _Field(NamedTuple):
         }
 
     def remaining(self, mirror: Stand) -> tuple[Floats, Values]:
-        """Return the spots, shape (H, K, T, 2) [m], and beam errors over all instants, shape (H, K)."""
+        """Return the spots, shape (H, K, T, 2) [m], and statistics of beam errors over all instants, shape (H, K)."""
         rays = traces.reflected(mirror.normal, self.sun)
         places = traces.spots(mirror.centre, rays, self.mounts.face)
         places[~(traces.dot(mirror.normal, self.sun) > 0)] = np.nan
@@ -254,7 +258,10 @@ class _Field(NamedTuple):
         }
 
     def estimate(self, observed: Observed) -> tuple[Fit, Values]:
-        """Fit all crossings of each heliostat and draw. Return the fit and its values, shape (H, K, ...)."""
+        """Fit the mount errors to all crossings of each heliostat and draw.
+
+        Return the fit, and its variables of shape (H, K, ...).
+        """
         draws = len(observed.sun) // max(1, len(self.mounts.frames))
         every = np.repeat(np.arange(len(self.mounts.frames)), draws)
         found = fit(self.mounts.of(every), observed, spread=self.spread, **self.options)
@@ -263,7 +270,10 @@ class _Field(NamedTuple):
     def run_loop(
         self, actual: Floats, settings: dict[str, Any], rounds: int, seeds: tuple[int, tuple[int, ...]]
     ) -> Values:
-        """Run the closed loop for mounts with `actual` errors, shape (H, K, 6). Return values of shape (H, K, ...)."""
+        """Run the closed loop for mounts with the errors `actual`, shape (H, K, 6). [rad]
+
+        Return variables of shape (H, K, ...).
+        """
         count, draws, _ = actual.shape
         by_instant, actual = settings["correction"] == "instant", actual[:, :, np.newaxis]
         known: Floats = np.zeros((count, draws, 1, len(ERRORS)))

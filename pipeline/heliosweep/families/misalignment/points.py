@@ -1,4 +1,4 @@
-"""Days, hours, heliostats, mounts and draws at the points of a study. All modes use this module."""
+"""Instants, heliostats, mounts and drawn errors at the points of a study, for all modes."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ from heliosweep.layouts.resolve import LayoutAxis
 from heliosweep.lazy import xr
 from heliosweep.mounts import KINDS, mounts_of
 
-#: Status of padding entries in layouts that are shorter than the longest layout.
+#: Status of padding entries after the last heliostat of a layout that is shorter than the longest layout.
 NO_HELIOSTAT = -1
 #: Directions of the axes in the receiver's plane.
 SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
-#: Random streams for the noise of synthetic spots along y and z. Streams from 0 belong to the mount errors, in order.
+#: Random streams for the noise of synthetic spots along y and z. The mount errors use the streams 0, 1, ... in the
+#: order of `ERRORS`.
 NOISE_STREAMS = (100, 101)
 #: Maximum number of noise values in one draw, limited by the counter of the random number generator.
 MOST_NUMBERS = 2**24
-#: Keys that have a single value in each group of points that are computed in one call.
+#: Keys that have a single value in each group of points. A group is computed in one call.
 APART = ("sun.azimuth", "sun.elevation", "heliostats.pivot_height")
 #: Keys that label a result even if they are not swept.
 _LABELS = (
@@ -68,7 +69,7 @@ def instant_sizes(study: MisalignmentStudy) -> dict[str, int]:
 
 
 def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
-    """Return the labels of days and hours. If the sun is fixed, only their lengths are returned."""
+    """Return the labels of days and hours, or the length 1 of both dimensions if the sun is fixed."""
     time = study.time
     if time is None:
         return {"day": 1, "hour": 1}
@@ -84,7 +85,7 @@ def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
 
 
 def _universal_times(study: MisalignmentStudy) -> dict[str, Any]:
-    """Return the coordinate ``utc`` if hours are civil time. It has a dimension ``site`` if clocks differ by site."""
+    """Return the coordinate ``utc`` for civil time, with a dimension ``site`` if the clocks of the sites differ."""
     if not isinstance(study.time, CivilTime):
         return {}
     tables = [wall_clock(study.time, zone) for zone in Parameters(study).timezones()]
@@ -126,7 +127,7 @@ def _civil_sun(time: CivilTime, timezone: str, *place: float | None) -> Floats:
 
 
 class Positions(LayoutAxis):
-    """Layout of the pivots at the positions given in a study: east, north and up of the tower's base [m]."""
+    """Layout of the pivots at the positions in a study: east, north and up, relative to the tower's base [m]."""
 
     def __init__(self, study: MisalignmentStudy) -> None:
         layout = Layout(*np.array(study.heliostats.positions or (), np.float64).T)
@@ -148,8 +149,8 @@ class Positions(LayoutAxis):
 def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None, given: Any = None) -> NDArray[Any]:
     """Return the values of a key at the points of a group; 0 if the key has no value.
 
-    If `shape` is given, only the first values along each dimension of the group are returned. If `given` is not None,
-    it replaces the values.
+    `shape` is the number of values to return along each dimension of the group (default: all). If `given` is not None,
+    `given` replaces the values of the key.
     """
     values = [value for value in (given, point[key], 0.0) if value is not None]
     return np.broadcast_to(values[0], point.group)[tuple(map(slice, shape or point.group))].ravel()
@@ -169,7 +170,7 @@ class Scene(NamedTuple):
 
     @classmethod
     def of(cls, point: Point, shape: tuple[int, ...] | None = None) -> Scene:
-        """Return the scene for a group of points. If `shape` is given, it selects points as in `values_of`."""
+        """Return the scene for a group of points; `shape` selects points as in `values_of`."""
         layout, part, up = point.layout, point.part("heliostat"), point["heliostats.pivot_height"] or 0.0
         pivots = np.stack([layout.x, layout.y, np.asarray(layout.z) + up], axis=1).astype(float)[part]
         setting = Setting._make(convert(values_of(point, key, shape)) for key, convert in _SETTING.items())
@@ -185,7 +186,7 @@ def codes_of(names: Sequence[Any] | NDArray[Any], known: Sequence[str]) -> NDArr
     return np.array([known.index(str(name)) for name in names], np.int64)
 
 
-#: Key for each field of `Setting`, in order, with a function that converts its values to the unit of the field.
+#: Study key for each field of `Setting`, in order, with a function that converts values to the unit of the field.
 _SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
     "receiver.azimuth": np.radians,
     "receiver.tilt": np.radians,
@@ -202,7 +203,7 @@ _SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
 
 
 def coded(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "") -> Variable:
-    """Return a variable that contains codes; padding entries of shorter layouts are -1."""
+    """Return a variable of integer codes, with the code -1 for padding entries of shorter layouts."""
     return replace(flags(dims, long_name, {NO_HELIOSTAT: "no_heliostat", **meanings}, comment), missing=NO_HELIOSTAT)
 
 
@@ -212,9 +213,9 @@ def numbered(count: int, meaning: str) -> tuple[NDArray[np.int64], dict[str, str
 
 
 def mean_errors(point: Point, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """Return the six errors at the points of a group, shape (P, 6); `shape` selects points as in `values_of`. [mrad]
+    """Return the six mount errors at the points of a group, shape (P, 6). [mrad]
 
-    Drawn errors are replaced by their means.
+    Drawn errors are replaced by their means. `shape` selects points as in `values_of`.
     """
     means = {name: getattr(getattr(point.study.mount_errors, name, None), "mean", None) for name in ERRORS}
     return np.stack([values_of(point, f"mount_errors.{name}", shape, mean) for name, mean in means.items()], axis=-1)
@@ -226,13 +227,13 @@ def draw_count(study: MisalignmentStudy) -> int:
 
 
 def error_keys(study: MisalignmentStudy) -> list[str]:
-    """Return the keys of errors that label a result: errors that are not drawn, and the scale of drawn errors."""
+    """Return the keys of mount errors that label a result: errors that are not drawn, and the scale of drawn errors."""
     drawn = {} if study.mount_errors is None else study.mount_errors.drawn()
     return [f"mount_errors.{name}" for name in (*ERRORS, *["scale"] * bool(drawn)) if name not in drawn]
 
 
 def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
-    """Yield, for each point of a group, the six errors of heliostats and draws, shape (H, samples, 6). [mrad]"""
+    """Yield the six mount errors of each heliostat and draw at each point of a group, shape (H, samples, 6). [mrad]"""
     block = point.study.mount_errors
     deviates = _deviates(block.errors(), tuple(numbers.tolist()), max(1, block.draws()), block.seed or 0)
     scale = values_of(point, "mount_errors.scale")
@@ -240,7 +241,7 @@ def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[n
         yield mean + spread * deviates
 
 
-#: Compute the deviates of heliostats. They are cached for the next point.
+#: Function `standard_deviates` with a cache, because consecutive points use equal deviates.
 _deviates = lru_cache(maxsize=2)(standard_deviates)
 
 

@@ -35,7 +35,7 @@ from heliosweep.report.tables import Table, numbers
 
 DAYS = ("day", "declination", "date")
 HOUR = "hour"
-#: Colours of the error axes, as in Figure 4 of the paper.
+#: Colours of the error axes, as in Figure 4 of Optics Express 27 (8), A257.
 _AXES: dict[str, dict[str, Any]] = {
     "elevation": {"color": "#D55E00"},
     "azimuth": {"color": "#0072B2"},
@@ -53,7 +53,7 @@ _TYPICAL = {
 _OWN = (HELIOSTAT, HOUR, *DAYS, "sample", "spot", "parameter", "parameter_2", "round", "percentile", "detector",
         "crossing", "trace", "conic_coefficient", "outline", "edge", "tolerance_axis")  # fmt: skip
 _SEEN = "Seen from the field. Grey: aperture."
-#: Variables by which heliostats are ranked, in descending order.
+#: Variables by which heliostats can be sorted, in descending order of their values.
 _RANKS = ("held_out_residual_rms", "beam_residual_rms")
 
 
@@ -218,8 +218,8 @@ def _calibration(result: xr.Dataset) -> list[Figure]:
                bands={"estimated_error": ("standard_error",)}, lines=(HELIOSTAT, "loss", "parameters"), at=_TYPICAL),
         Curves("drift", "Errors of the mounts in moving windows, with standard errors", ("period_error",),
                over=("period",), lines=(HELIOSTAT,), panels=("parameter",), at=_TYPICAL,
-               bands={"period_error": ("period_standard_error",)}, derive=lambda data: (  # without
-                   # errors that are not estimated
+               bands={"period_error": ("period_standard_error",)}, derive=lambda data: (
+                   # Errors that are not estimated are omitted.
                    data.dropna("parameter", how="all", subset=["period_error"]) if "period_error" in data else data
                )),
         Curves(
@@ -250,7 +250,7 @@ def _before_after(result: xr.Dataset) -> xr.Dataset:
 
 
 def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
-    """Draw one panel with complete curves, foci, detectors, crossings, measured spots and edges of the beam."""
+    """Draw the complete deviation curves, foci, beam edges, measured spots and detector lines of one panel."""
     y, z = np.meshgrid(*(np.linspace(low, high, 201) for low, high in (axes.get_xlim(), axes.get_ylim())))
     look: dict[str, Any] = {"scalex": False, "scaley": False}
     names = np.atleast_1d(result["axis"].to_numpy()).tolist() if "axis" in result.coords else [""]
@@ -350,7 +350,7 @@ _QUALITY = {
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Yield a table of estimated errors for a calibration, or a table of hits for drawn mounts.
+    """Yield a table of estimated errors for a calibration, or a table of hits for drawn mount errors.
 
     Other results have no tables.
     """
@@ -384,7 +384,7 @@ def _errors_found(result: xr.Dataset) -> Table:
 
 
 def _hits_of_draws(result: xr.Dataset) -> Table:
-    """Tabulate, for drawn mounts, the hits on each day, the worst heliostat, and the spread of the spots."""
+    """Tabulate the hit fraction on each day, the worst heliostat and the spread of the spots for drawn mount errors."""
     context, hits = Context(result), 100.0 * result["day_hit_fraction"].reset_coords(drop=True)
     dims, percent = [str(dim) for dim in hits.dims if dim != HELIOSTAT], {"units": "%"}
     hits = hits.where(np.isfinite(hits)).transpose(..., HELIOSTAT)
@@ -410,8 +410,8 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
 
 #: Maximum number of spots or heliostats that a warning lists.
 _LISTED = 6
-#: Warning for each flag code. {count} is replaced by the count and the total, {what} by "spots" or "crossings", and
-#: {least} by the error with the largest variance.
+#: Warning for each flag code. {count} is replaced by the number of cases and the total number, {what} by "spots" or
+#: "crossings", and {least} by the mount error that is determined least accurately.
 _FLAGS = {
     "detector_status": {
         NO_ELEVATION: "at {count} instants the elevation trace crosses no array",
@@ -439,12 +439,12 @@ _FLAGS = {
         BLIND_CONE: "{count} rays would need a mount to point into its blind cone: no spot",
     },
 }
-#: Counts, each with the warning that is given if the count is not zero.
+#: Pairs of a count and the warning that is shown if the count is not zero.
 Remarks = Iterator[tuple[int, str]]
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield warnings about missing spots, missing statistics, unsupported estimates, and missed detector arrays."""
+    """Yield warnings about missing spots and statistics, doubtful estimates, and missed detector arrays."""
     parts: dict[str, Callable[[xr.Dataset], Remarks]] = {
         "spot_status": _of_spots,
         "real_fraction": _of_statistics,
@@ -502,7 +502,10 @@ def _of_commands(result: xr.Dataset) -> Remarks:
 
 
 def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingProxyType({})) -> Remarks:
-    """Yield a warning for each code of a flag. The values in `less` are subtracted from the counts of their codes."""
+    """Yield a warning for each code that occurs in a flag variable.
+
+    `less` contains numbers that are subtracted from the counts of codes.
+    """
     status = result[name].to_numpy()
     for code, words in _FLAGS[name].items():
         if count := int(np.count_nonzero(status == code)) - less.get(code, 0):
@@ -511,7 +514,7 @@ def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingPr
 
 
 def _of_estimates(result: xr.Dataset, which: np.ndarray) -> dict[str, Any]:
-    """Return the strings to insert into a warning about the calibrations `which`."""
+    """Return the values of the placeholders in a warning about the calibrations that `which` selects."""
     direction, condition = result["least_known_direction"], result["condition_number"]
     parameters = result["parameters"].broadcast_like(condition).transpose(*condition.dims).to_numpy()[which]
     limits = {float(condition.attrs.get("condition_limit", CONDITION_LIMITS[number])) for number in parameters.tolist()}
@@ -528,7 +531,7 @@ def _of_spots(result: xr.Dataset) -> Remarks:
     times = [dim for dim in status.dims if dim in (*DAYS, HOUR)]
     points = status.size // math.prod(status.sizes[dim] for dim in times)
     counted = "" if points == status.sizes["heliostat"] else ", counted at each point of the sweep,"
-    # If the pivot is nearly on the plane, the mirror may be behind it only at some instants.
+    # If the pivot is close to the plane, the mirror may be behind the plane only at some instants.
     behind = (status == BEHIND_FACE).any(times) & status.isin([BEHIND_FACE, NO_SUN]).all(times)
     for code, here, words in (
         (BEHIND_FACE, behind, "are on the plane of the receiver or behind it whenever the sun is up"),

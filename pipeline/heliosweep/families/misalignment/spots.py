@@ -1,8 +1,8 @@
 """Modes `curves` and `mount_errors`: spots of mirrors with a single misalignment, or with the six errors of a mount.
 
 Mode `curves` computes deviation curves with their tolerances, conics and crossings with detectors. Mode `mount_errors`
-computes spots for fixed, swept or drawn errors, and statistics over the draws. Draws are not stored. Each call draws
-the errors of its heliostats again. The drawn errors of a heliostat are equal at all instants and points.
+computes spots for fixed, swept or drawn errors, and statistics over the draws. Drawn errors are not stored, but
+recomputed from the seed in each call. The drawn errors of a heliostat are equal at all instants and points.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _SEEN = "for an observer in the field who faces the receiver; missing unless spo
 TOLERANCE_AXES = ("elevation", "azimuth")
 #: Default percentiles of the remaining tolerance.
 PERCENTILES = (5.0, 50.0, 95.0)
-#: Variables by their name in the results of the kernel.
+#: Name of the variable for each result of the kernel.
 _MOMENTS = {
     "mean_y": "spot_y_mean",
     "mean_z": "spot_z_mean",
@@ -69,7 +69,7 @@ _MOMENTS = {
     "real_fraction": "real_fraction",
     "status": "spot_status",
 }
-#: Errors that the tracking corrects, shape (1, 1, 6). All are 0, because no error is known.
+#: Errors that the commands correct, shape (1, 1, 6): all zero, because no error is known.
 _UNKNOWN = np.zeros((1, 1, len(ERRORS)))
 _DRAWS = "realization: {} (over the draws of the mount errors)"
 _AIMED = {
@@ -244,7 +244,7 @@ def spot_values(point: Point, y: Floats, z: Floats, status: Floats) -> dict[str,
 
 
 def curves(point: Point) -> dict[str, NDArray[Any]]:
-    """Compute the spots at a group of points, and the curves' tolerances, conics and crossings."""
+    """Compute the spots at a group of points, and the tolerance, conic and detector crossings of each curve."""
     study, group, instants = point.study, point.group, tuple(instant_sizes(point.study).values())
     sized = [axis for axis, dim in enumerate(point.points.sizes) if dim in size_dims(study)]
     rest = [axis for axis in range(len(group)) if axis not in sized]
@@ -308,9 +308,9 @@ def beams(
     """Return the spot outlines and the trace edges of conical beams, shape (C, H, T, E, OUTLINE + 2, 2). [m]
 
     The edges are traced by rays from the two points of the sun that are nearest to and farthest from the error axis.
-    While the mirror rotates about an axis in its plane, each of these rays traces a conic. The beam covers the area
-    between the conics. A beam with a width [m] opens from a disc at the mirror, and its outer rays leave the disc's
-    rim.
+    While the mirror rotates about an axis in its plane, each edge ray traces a conic. The beam covers the area between
+    the two conics. A beam whose width [m] is not zero starts from a disc at the mirror, and its outer rays start from
+    the rim of the disc.
     """
     sun, found = scene.sun, []
     for point, known in enumerate(errors):

@@ -38,27 +38,28 @@ from heliosweep.layouts.resolve import Layouts
 if TYPE_CHECKING:
     from heliosweep.families.misalignment.study import MisalignmentStudy
 
-#: Maximum size of a file, and maximum number of spots. [bytes, 1]
+#: Maximum size of a file [bytes], and maximum number of spots in a file.
 MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
 #: Maximum number of moving windows.
 MAX_PERIODS = 1000
 #: Maximum difference between 1 and the length of a sun vector.
 SUN_LENGTH = 1e-3
-#: Maximum distance of a spot from the aim point, and maximum angle. [m, deg]
+#: Maximum magnitude of a coordinate of a spot [m], and of a commanded angle [deg].
 FARTHEST, LARGEST = 1e6, 720.0
-#: Maximum distance of a spot from the aim point, relative to the distance of its heliostat [1]. This is four times the
-#: value for a poor mount. Maximum distance of a crossing from a detector array [m]. Larger values must be wrong.
+#: Limits above which a table is rejected: distance of a spot from the aim point relative to the distance of its
+#: heliostat [1] (four times the value for a poor mount), and distance of a crossing from a detector array [m].
 FARTHEST_SPOT, FARTHEST_CROSSING = 0.2, 0.1
 
-#: Two crossings at the common corner of two segments count as one if they are closer along the array. [m]
+#: Distance along an array below which two crossings at the common corner of two segments count as one. [m]
 CORNER = 1e-9
 WHOLE = re.compile(r"\s*[0-9]{1,9}\s*")
 
 
 def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
-    """Return the time in a cell, and True if it is a wall time without an offset, which `local` allows.
+    """Return the time in a cell, and True if the time is wall-clock time.
 
-    Otherwise the time is universal time. Raises ValueError.
+    A time with an offset is converted to universal time. A time without an offset is wall-clock time, which is allowed
+    only if `local` is True. Raises ValueError.
     """
     try:
         stamp = dt.datetime.fromisoformat(text)
@@ -97,7 +98,7 @@ COLUMNS = {
     "spot": Column("name of the spot, for calibration.held_out"),
     "comment": Column("text that is ignored"),
 }
-#: Columns of numbers that `calibration.columns` can scale.
+#: Numerical columns that `calibration.columns` can scale.
 SCALED = ("y", "z", "weight", "azimuth", "elevation")
 #: Names of the traces that cross detectors, in the order of their codes in the kernel.
 TRACES = ("elevation", "azimuth")
@@ -109,7 +110,7 @@ def _trace(text: str) -> int:
     return TRACES.index(text)
 
 
-#: Additional columns in a table of detector crossings.
+#: Columns that a table of detector crossings adds or replaces.
 CROSSING = {
     "trace": Column("elevation or azimuth", required=True, read=_trace, dtype=np.int64, missing=0),
     "y": _place("crossing on the receiver plane, to the right of the aim point for an observer in the field, in m"),
@@ -165,7 +166,7 @@ class MeasuredSpots:
 
     @property
     def timed(self) -> bool:
-        """True if the spots have times, from which the sun must be computed."""
+        """True if sun vectors must be computed from the times of the spots."""
         return bool(np.isnan(self.sun).any())
 
     @property
@@ -185,8 +186,8 @@ class MeasuredSpots:
     def held_out(self, given: int | tuple[str, ...] | None) -> NDArray[np.bool_]:
         """Return True for each held-out spot, shape (S,).
 
-        `given` contains the names of these spots, or their number for each heliostat. If it is a number, the latest
-        spots are held out, or the last spots in the file if spots have no times.
+        `given` contains the names of the held-out spots, or their number for each heliostat. A number selects the
+        latest spots, or the last spots in the file if the spots have no times.
         """
         if not isinstance(given, int):
             return np.isin(self.spot, given) if given and self.spot else np.zeros(len(self.lines), bool)
@@ -196,7 +197,7 @@ class MeasuredSpots:
         return last <= given
 
     def problems(self, rows: NDArray[np.int64], messages: Sequence[str]) -> list[Problem]:
-        """Return a problem for each row that has a message, with the line of the row in the file."""
+        """Return the problems of rows, each with its message and the line of the row in the file."""
         lines = self.lines[rows].tolist()
         found = (Problem(text, "", self.name, line) for text, line in zip(messages, lines, strict=False))
         return listed(found, MAX_LISTED, rows.size) if rows.size else []
@@ -260,7 +261,7 @@ def read_spots(
     timezone : str
         Time zone of times without an offset, as an offset or an IANA name. If omitted, all times need an offset.
     columns : sequence of tuples
-        Columns, each with its title in the file and with the scale and the offset of its numbers.
+        Key, title in the file, scale and offset of each renamed or scaled column.
 
     Returns
     -------
@@ -299,7 +300,7 @@ def read_spots(
             utc[local] = wall_to_utc(utc[local], parse_timezone(timezone))
 
     def values(*keys: str, missing: Any = np.nan) -> NDArray[Any]:
-        """Return the columns as one array, filled with `missing` if the table has none of them."""
+        """Return columns as one array. Columns that the table lacks are filled with `missing`."""
         given = [table.column(key) if key in table.header else np.full(len(table), missing) for key in keys]
         return np.stack(given, axis=-1)
 
@@ -377,9 +378,9 @@ class Segments(NamedTuple):
 
     #: Number of the array to which each segment belongs, lines first, shape (S,).
     array: NDArray[np.int64]
-    #: Reference point y, z of each segment, shape (S, 2): its first point, or the foot for a line. [m]
+    #: Reference point y, z of each segment, shape (S, 2): first point, or foot of the perpendicular for a line. [m]
     start: Floats
-    #: Direction, shape (S, 2). [1]
+    #: Unit vector along each segment, shape (S, 2). [1]
     along: Floats
     #: Position of the reference point along the array, shape (S,). [m]
     origin: Floats
@@ -399,7 +400,7 @@ class Segments(NamedTuple):
     def by_array(self, places: Floats, angles: Floats) -> tuple[Floats, Floats]:
         """Convert positions on segments, shape (..., S, 2), to ascending positions along arrays, shape (..., A, C).
 
-        The angles are sorted in the same order.
+        The angles are sorted like the positions.
         """
         lead, within = places.shape[:-2], np.arange(self.array.size) - self.starts[self.array]
         found = np.full((2, *lead, self.starts.size, self.most // 2, 2), np.nan)
@@ -411,7 +412,7 @@ class Segments(NamedTuple):
         return found[0], np.where(np.isnan(found[0]), np.nan, found[1])
 
     def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
-        """Return the readings of arrays for crossings at `places` along them with added noise, shape (..., A, C). [m]
+        """Return the readings of detector arrays for crossings at `places`, with added noise, shape (..., A, C). [m]
 
         A reading is the position of the nearest detector.
         """
@@ -422,7 +423,7 @@ class Segments(NamedTuple):
         return np.clip(read, self.ends[self.starts, :1], longest[:, np.newaxis])
 
     def points(self, places: Floats) -> tuple[Floats, Floats]:
-        """Return the points y, z at positions along the arrays, shape (..., A, C, 2), and the directions there."""
+        """Return the points (y, z) at positions along the arrays, and the array directions, shape (..., A, C, 2)."""
         own = self.array == np.arange(self.starts.size)[:, np.newaxis, np.newaxis]  # (A, 1, S)
         passed = np.count_nonzero(own & (self.origin + self.ends[:, 0] <= places[..., np.newaxis]), axis=-1)
         which = self.starts[:, np.newaxis] + np.maximum(passed - 1, 0)

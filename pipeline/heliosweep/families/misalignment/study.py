@@ -74,9 +74,9 @@ AXES = {
     "azimuth": "about the up-slope axis in the mirror; positive clockwise seen from the end of the primary axis",
     "encoder_azimuth": "about the primary axis of the mount; positive clockwise seen from its end",
 }
-#: Create a fault whose message does not contain the given value.
+#: Function that creates a fault whose message omits the invalid value.
 fault = partial(Fault, show_value=False)
-#: Mount errors that a mode requires if the study has no table of spots.
+#: Meaning of the mount errors in each mode that requires them if the study has no table of spots.
 TRUTH = {
     "mount_errors": "the errors of the mounts",
     "calibration": "the true errors of synthetic spots",
@@ -263,12 +263,12 @@ class MountErrors(MountAngles):
     ] = None
 
     def draws(self) -> int:
-        """Maximum number of draws for each heliostat; 0 if no error is drawn."""
+        """Return the maximum number of draws for each heliostat; 0 if no error is drawn."""
         drawn = self.drawn().values()
         return max(self.samples or 1, *(error.samples or 1 for error in drawn)) if drawn else 0
 
     def rules(self) -> Iterator[Fault]:
-        """Check that all distributions give the number of draws, and that this number is equal."""
+        """Check that the number of draws is given, and that it is equal for all distributions."""
         drawn = self.drawn()
         given = {("samples",): self.samples} | {(name, "samples"): error.samples for name, error in drawn.items()}
         counts = {path: count for path, count in given.items() if count is not None}
@@ -368,7 +368,7 @@ class Detectors(Block):
     condition_limit: Annotated[float | None, _LIMIT] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there are detectors, and that a table is not combined with a closed loop."""
+        """Check that the block defines detectors, and that measured crossings are not combined with a closed loop."""
         arrays, pitch = self.arrays or (), 0.0 if self.pitch is None else max(ends(self.pitch))
         shortest = min((sum(itertools.starmap(math.dist, itertools.pairwise(one.points))) for one in arrays), default=0)
         message = "is only used for crossings of 'mount_errors', because a table has no commands: remove it"
@@ -492,7 +492,7 @@ class Calibration(Block):
     condition_limit: Annotated[float | None, _LIMIT] = None
 
 
-#: Blocks that only some modes allow.
+#: Modes in which a block is allowed. All modes allow the other blocks.
 BLOCKS_OF_MODES = {
     "error": ("curves",),
     "beam": ("curves",),
@@ -502,7 +502,7 @@ BLOCKS_OF_MODES = {
     "statistics": ("mount_errors",),
     "calibration": ("calibration",),
 }
-#: Names of all variables. They are repeated here because the modules that declare them load the kernels, which is slow.
+#: Names of all variables. The names are repeated here because importing the modules that declare the variables is slow.
 #: A test compares this list with the declared variables.
 _NAMES_OF_RESULTS = """
     heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
@@ -528,7 +528,7 @@ _NAMES_OF_RESULTS = """
     spot_y_before spot_z_before spot_y_after spot_z_after nominal_azimuth nominal_elevation corrected_azimuth
     corrected_elevation
 """
-#: Names that are reserved for the result. Columns of a layout must not use them.
+#: Names of variables and coordinates of the result, which columns of a layout must not use.
 RESERVED = frozenset((*ERRORS, *_NAMES_OF_RESULTS.split()))
 
 MODES = {
@@ -579,7 +579,7 @@ class MisalignmentStudy(Study):
         return given
 
     def reserved_names(self) -> frozenset[str]:
-        """Return the names that are reserved for the result. Columns of a layout must not use them."""
+        """Return the names of variables and coordinates, which columns of a layout must not use."""
         return RESERVED
 
     def rules(self) -> Iterator[Fault]:
@@ -705,7 +705,7 @@ class MisalignmentStudy(Study):
         return len(layout), tuple(map(str, layout.columns[names[0]])) if names else ()
 
     def table_of_spots(self) -> tuple[str, tuple[str, ...]] | None:
-        """Return the key and the files of measured spots or crossings, or None."""
+        """Return the key and the files of measured spots or crossings, or None if the study has none."""
         given = {
             "calibration.spots": self.calibration and self.calibration.spots,
             "detectors.crossings": self.detectors and self.detectors.crossings,
@@ -739,7 +739,7 @@ class MisalignmentStudy(Study):
 
 
 def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
-    """Check that the sun rises at one or more sites. Sites without a sunrise have no spots."""
+    """Check that the sun rises at one site at least. Sites without a sunrise have no spots."""
     missing = list(civil_clock_problems(study)) if isinstance(study.time, CivilTime) else []
     return missing or (dark_places(study, "it has no spots (NaN)") if study.time else ())
 
