@@ -1,4 +1,4 @@
-"""Compiler options of all kernels, and the folder of their compiled code.
+"""Compiler options of all kernels, and cache folder of the compiled code.
 
 Kernels release the interpreter lock. No kernel is parallel, because a `prange` kernel called from two threads aborts
 the process. No kernel reorders sums, so results do not depend on how the work is split.
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: True if kernels run as plain Python. This is slow, but a debugger can step through them.
+#: True if kernels run as plain Python. Plain Python is slow, but a debugger can step through it.
 PURE_PYTHON = any(os.environ.get(name, "") not in ("", "0") for name in ("HELIOSWEEP_PURE_PYTHON", "NUMBA_DISABLE_JIT"))
 
 _COMPILED: list[Any] = []
@@ -29,7 +29,7 @@ UNCACHED: list[str] = []
 
 
 def kernel(function: Any = None, /, **options: Any) -> Any:
-    """Compile a function on its first call. If called with options of numba, return a decorator."""
+    """Compile a function on its first call. If called with numba options, return a decorator."""
     if function is None:
         return functools.partial(kernel, **options)
     return function if PURE_PYTHON else _Kernel(function, options)
@@ -39,7 +39,7 @@ def inner(function: Any = None, /, **options: Any) -> Any:
     """Compile a function that only kernels call and that neither creates nor returns arrays.
 
     The compiled function does not count references to its arrays, because counting would take longer than many of the
-    calls. If called with options of numba, return a decorator.
+    calls. If called with numba options, return a decorator.
     """
     return kernel(function, no_cpython_wrapper=True, _nrt=False, **options)
 
@@ -73,7 +73,7 @@ def on_compilation(report: Callable[[], None]) -> Iterator[None]:
 
 
 def cache_folder() -> Path:
-    """Return the folder of compiled code, named by the digest of the source files of all kernels.
+    """Return the cache folder of compiled kernels, named after a digest of their source files.
 
     The digest is needed because numba's cache does not detect changes in the kernels that a cached kernel calls.
     """
@@ -88,14 +88,14 @@ def _digest() -> str:
 
 
 class _Kernel:
-    """A kernel that imports numba (0.3 s) only when it is first called or compiled into another kernel."""
+    """Kernel that imports numba (0.3 s) only when it is first called or compiled into another kernel."""
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         functools.update_wrapper(self, function)
         self.py_func, self._options = function, options
 
     def __call__(self, *args: Any) -> Any:
-        """Call the kernel. Functions that only kernels call run as plain Python."""
+        """Call the compiled function, or the plain Python function if it was declared with `inner`."""
         return self.py_func(*args) if "_nrt" in self._options else self.dispatcher(*args)
 
     @property

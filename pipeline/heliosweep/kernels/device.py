@@ -1,7 +1,7 @@
-"""Kernels on a graphics processor: the same functions as on the processor, compiled for its threads.
+"""Compile the functions of a kernel for a graphics processor, and run them there.
 
-A block of threads shares the lanes of a packet. The functions `lane`, `lanes`, `barrier` and `add` of a kernel's module
-are replaced by versions for the device. All other code is common to processor and device.
+All threads of a thread block work on the same block of rays. The functions `lane`, `lanes`, `barrier` and `add` of a
+kernel's module are replaced by versions for the device. All other code is common to processor and device.
 """
 
 import os
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-# Placeholders for globals that `_device_kernel` sets for the functions below.
+# Placeholders for global variables that `_device_kernel` sets in the device versions of the functions below.
 cuda: Any = None
 work: Any = None
 floats: tuple[int, int, int] = (0, 0, 0)
@@ -24,7 +24,7 @@ _LOCK = threading.Lock()
 
 
 def device_problem() -> str | None:
-    """Return why no graphics processor can be used, with the remedy, or None if one is available."""
+    """Return the reason why no graphics processor can be used and the remedy, or None if one is available."""
     if not find_spec("numba_cuda") and os.environ.get("NUMBA_ENABLE_CUDASIM", "0") in ("", "0"):
         return "needs the package numba-cuda: install 'heliosweep[gpu]', or use device: cpu"
     os.environ.setdefault("NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS", "0")
@@ -39,27 +39,27 @@ def device_problem() -> str | None:
 
 
 def lane() -> Any:
-    """Return the number of this thread in its block."""
+    """Return the index of this thread in its thread block."""
     return cuda.threadIdx.x
 
 
 def lanes() -> Any:
-    """Return the number of threads of a block."""
+    """Return the number of threads in a thread block."""
     return cuda.blockDim.x
 
 
 def barrier() -> None:
-    """Wait for all threads of the block."""
+    """Wait for all threads of the thread block."""
     cuda.syncthreads()
 
 
 def add(array: Any, index: Any, value: Any) -> None:
-    """Add to an element of an array that several threads share."""
+    """Add a value atomically to an array element that several threads share."""
     cuda.atomic.add(array, index, value)
 
 
 def _run(problem: Any, sums: Any, cells: Any, whole: Any, found: Any, frames: Any, stamp: Any) -> None:
-    """Run `work` with the scratch arrays of one block of threads."""
+    """Run `work` in one thread block, with its own scratch arrays."""
     at = cuda.blockIdx.x
     r = cuda.shared.array(floats[0], np.float32)
     f = cuda.shared.array(floats[1], np.float32)
@@ -70,7 +70,7 @@ def _run(problem: Any, sums: Any, cells: Any, whole: Any, found: Any, frames: An
 
 @cache
 def _device_kernel(parts: tuple[Any, ...], floats: tuple[int, int, int], threads: int) -> Any:
-    """Return a device kernel that runs the last function of `parts`."""
+    """Compile `parts` for the device, and return a kernel that runs the last function."""
     from numba import cuda
 
     names = {"cuda": cuda, "floats": floats, "threads": threads}
@@ -87,24 +87,24 @@ def run_on_device(
     parts: tuple[Any, ...], floats: tuple[int, int, int], lanes: int, problem: tuple[Any, ...], bodies: int, pairs: int,
     sums: Any, cells: Any, whole: Any,
 ) -> None:  # fmt: skip
-    """Run the last function of a kernel on the device and add to the results.
+    """Run the last function of `parts` on the device, and add its results to the output arrays.
 
     Parameters
     ----------
     parts : tuple of functions
-        Functions of the kernel that run on the device; called functions come first.
+        Functions to compile for the device, each after the functions that it calls.
     floats, lanes : (int, int, int), int
-        Sizes of the scratch array, of the constants and of the counts; number of rays in a block.
+        Sizes of the three shared arrays (scratch, constants and counts), and number of rays in a block.
     problem : tuple
-        Arrays and numbers of the problem.
+        Arrays and numbers that the last function needs as input.
     bodies, pairs : int
-        Number of bodies to search, and number of pairs of a body and an instant.
+        Number of heliostats in the field, and number of heliostat-instant pairs to trace.
     sums, cells, whole : ndarray
         Arrays to which the results are added.
     """
     from numba import cuda
 
-    # at most 1 GiB, with 120 bytes for each body that a block searches
+    # at most 1 GiB: each thread block needs 120 bytes for each heliostat of the field
     blocks = int(max(1, min(4096, pairs, 2**30 // (120 * bodies))))
     with _LOCK:
         given = tuple(cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in problem)

@@ -1,9 +1,10 @@
 """Brightness profile of the sun's disc (analytic, tabulated or from images) and its inverse.
 
 The generalised formula of Jose [1]_, [2]_ is B = A + (1 - A) sqrt(1 - u^xi) with u = eps / eps_max. Every analytic
-profile here is a cubic in c = sqrt(1 - u^xi), and the formula of Jose is the linear case. A table has nodes uniform in
-eps and is linear between them. Renderers use the profile itself, which is exactly 0 outside the disc (`rendered`).
-Reconstructions need a slope everywhere, so they continue the profile by its tangent at 0.9995 eps_max.
+profile here is a cubic in c = sqrt(1 - u^xi), and the formula of Jose is the linear case. A tabulated profile has nodes
+at equal steps of eps and is linear between its nodes. Renderers use the profile itself, which is exactly 0 outside the
+disc (`rendered`). Reconstructions need a slope everywhere, so they continue the profile by its tangent at 0.9995
+eps_max.
 
 References
 ----------
@@ -11,10 +12,10 @@ References
 .. [2] P.-H. Defieux, C. Caliot and F. Henault, "Hybrid optical method for characterizing a heliostat field in a
    concentrated solar power plant", AIP Conf. Proc. 2303 (2020) 100002, doi 10.1063/5.0029270, Eq. 7
 
-The disc in an image is the region brighter than half its limb. Its centroid is the centre, and its area gives the
-radius, both more accurate than a pixel. A profile consists of medians over rings about the centroid, which suppress
-dust and hot pixels. Rings at the limb contain pixels of disc and sky. In these rings, the profile is therefore
-extrapolated linearly in c = sqrt(1 - u^xi), because the formula of Jose is linear in c.
+The disc in an image is the region brighter than half its limb. The centroid and the area of this region give the centre
+and the radius of the disc, with errors below one pixel. A profile consists of medians over rings about the centroid,
+which suppress dust and hot pixels. Rings at the limb contain pixels of disc and sky. In these rings, the profile is
+therefore extrapolated linearly in c = sqrt(1 - u^xi), because the formula of Jose is linear in c.
 """
 
 import math
@@ -97,7 +98,7 @@ def brightness(profile, square):
 
 @inline
 def rendered(profile, square):
-    """Return the brightness of the disc [1], exactly 0 outside, at the square of an angle from its centre [rad^2]."""
+    """Return the brightness [1] at a squared angle from the disc centre [rad^2], exactly 0 outside the disc."""
     if square > profile.radius * profile.radius:
         return 0.0
     if profile.table.size > 0:
@@ -111,7 +112,7 @@ def rendered(profile, square):
 
 
 def inverse_squares(profile: Profile, values: Floats) -> Floats:
-    """Return the squared angles at which a profile, including its tangent, has given brightnesses. [rad^2]
+    """Return the squared angles at which the brightness of a profile, including its tangent, equals `values`. [rad^2]
 
     The result has the shape of `values` and is 0 for values above the maximum brightness. A table is inverted through
     its monotone envelope.
@@ -144,12 +145,12 @@ def tabulated(brightness: ArrayLike, angle: ArrayLike | None = None) -> Profile:
 
     `brightness`, shape (n,), is relative to the disc centre, must not be negative, and is not scaled. The table ends at
     eps_max unless `angle` contains the angle of each value, ascending from 0 [rad]. If the angles are not uniform, the
-    table is interpolated at uniform nodes with its smallest step, at most 4096 nodes.
+    table is interpolated at uniform nodes, spaced by the smallest step of the angles, but at most 4096 nodes.
 
-    The tangent at the edge has the steeper of two slopes: over the last cell, and over the last twentieth of the nodes.
-    Due to noise, the brightness may increase over the last cell, and an increasing tangent has no inverse. Raises
-    ValueError if there are fewer than 3 nodes, if a number is negative or not finite, or if the edge is not darker than
-    the disc.
+    The tangent at the edge has the steeper of the mean slopes over the last cell and over the last twentieth of the
+    nodes. Due to noise, the brightness may increase over the last cell, and an increasing tangent has no inverse.
+    Raises ValueError if there are fewer than 3 nodes, if a number is negative or not finite, or if the edge is not
+    darker than the disc.
     """
     values, radius = np.ascontiguousarray(brightness, np.float64), EPS_MAX
     if angle is not None:
@@ -230,7 +231,7 @@ def noisy(profile: Profile, noise: float, nodes: int = 120, seed: int = 0) -> Pr
 
 
 def scaled(profile: Profile, error: float) -> Profile:
-    """Return the profile with a relative error of its angular radius, to simulate errors of the profile."""
+    """Return the profile with its angular radius multiplied by 1 + error, to simulate an erroneous profile."""
     factor = 1.0 + error
     return profile._replace(
         radius=profile.radius * factor,
@@ -241,7 +242,7 @@ def scaled(profile: Profile, error: float) -> Profile:
 
 
 def smoothed(profile: Profile, nodes: float) -> Profile:
-    """Smooth a table by a Gaussian whose standard deviation is a number of nodes.
+    """Smooth a tabulated profile by a Gaussian with a standard deviation of `nodes` table steps.
 
     For the convolution, the table is reflected at the disc centre and continued by its tangent beyond the edge.
     """
@@ -257,7 +258,7 @@ def smoothed(profile: Profile, nodes: float) -> Profile:
 
 
 def smooth_fit(profile: Profile) -> Profile:
-    """Return the cubic in sqrt(1 - u^xi) that fits a table best by least squares over its nodes; xi is `power`."""
+    """Fit a cubic in sqrt(1 - u^xi) to the nodes of a table by least squares; xi is the `power` of the profile."""
     table, power = profile.table, profile.power
     c = _limb_cosine(np.linspace(0.0, 1.0, table.size), power)
     fit, *_ = np.linalg.lstsq(np.stack((np.ones_like(c), c, c**2, c**3), axis=1), table, rcond=None)
@@ -303,10 +304,10 @@ class SunDisc(NamedTuple):
 
 
 def disc_profile(image: ArrayLike) -> SunDisc:
-    """Return the profile of a sun's disc in an image.
+    """Return the profile of the sun's disc in an image.
 
     `image` contains levels above the dark level, shape (rows, columns), with NaN for unusable pixels. Raises ValueError
-    if there is no disc, or if the disc is too small, cut by the frame or not round.
+    if there is no disc, or if the disc is too small, cut off by the edge of the image, or not round.
     """
     levels = np.asarray(image, np.float64)
     seen = levels[np.isfinite(levels)]
@@ -348,10 +349,10 @@ def disc_profile(image: ArrayLike) -> SunDisc:
 
 
 def _disc(levels: Floats, limit: float) -> tuple[float, float, float, Floats, float]:
-    """Return the centroid (2 numbers), radius, distances from the centroid, and roundness of the region above a limit.
+    """Return the geometry of the image region that is brighter than a limit.
 
-    The roundness is the mean square radius divided by its value for a disc. All lengths are in pixels; columns come
-    first.
+    Returns the column and row of the centroid, the radius, the distance of each pixel from the centroid, and the
+    roundness. The roundness is the mean square radius divided by its value for a disc. All lengths are in pixels.
     """
     bright = levels > limit  # False for NaN
     rows, columns = np.nonzero(bright)

@@ -3,7 +3,8 @@
 A block of rays is traced for each heliostat and instant. A ray has a point on the reflecting area, a direction to a
 point of the sun, and random errors of slope and specularity. All of these come from scrambled Sobol sequences [1]_.
 Eight independent sequences are used in parallel, and their spread gives the standard error of each result. Coordinates
-are relative to the mirror's centre. They have single precision, which corresponds to 60 micrometres at 1 km.
+are relative to the mirror's centre, in single precision. Rounding errors are about 60 micrometres at a distance of 1
+km.
 
 References
 ----------
@@ -32,7 +33,7 @@ from heliosweep.kernels.sunshapes import SunShape, pillbox, quantile
 RECTANGLE, CYLINDER = 0, 1
 #: Number of independent estimates of each result.
 REPLICATES = 8
-#: Quantities of `Traced.sums`; the last quantity is 0 without a tower.
+#: Indices of the quantities in `Traced.sums`; the last quantity is 0 without a tower.
 COSINE, UNSHADED, UNBLOCKED, COSINE_UNSHADED, COSINE_UNBLOCKED, OPTICAL, HIT, LIGHT, REFLECTED, RECEIVED = range(10)
 COSINE_PAST_TOWER, QUANTITIES = 10, 11
 
@@ -44,23 +45,23 @@ _DIRECTIONS = ((0, 0), (1, 0, 1), (2, 1, 1, 3), (3, 1, 1, 3, 1), (3, 2, 1, 1, 1)
                (4, 4, 1, 3, 5, 13), (5, 2, 1, 1, 5, 5, 17))  # fmt: skip
 _FAST = {"contract", "nsz", "arcp"}
 _ZERO, _QUARTER, _HALF, _ONE, _TWO, _FAR, _TINY = map(np.float32, (0.0, 0.25, 0.5, 1.0, 2.0, 1e9, 1e-30))
-#: Coefficients of a series of the inverse tangent. [turn]
+#: Coefficients of a polynomial that approximates the inverse tangent. [turn]
 _T0, _T1, _T2, _T3, _T4, _T5 = (
     np.float32(c / (2.0 * math.pi)) for c in (0.99997726, -0.33262347, 0.19354346, -0.11643287, 0.05265332, -0.01172120)
 )
-#: Number of rows of the scratch array, and number of constants for all rays of a heliostat and instant.
+#: Number of rows in the scratch array, and number of constants that the rays of a heliostat and instant share.
 _ROWS, _CONSTANTS = 20, 56
-#: Row numbers of the scratch array. The preceding rows are points, directions to the sun, reflected directions (3 rows
-#: each) and sag.
+#: Offsets of rows 10 to 19 in the scratch array.
+#: Rows 0 to 9 contain points, directions to the sun, reflected directions (3 rows each) and the sag.
 _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F, _PAST = (_LANES * row for row in range(10, 20))
 #: Maximum number of pairs of heliostat and instant in a pilot run.
 _PILOT = 50_000
 #: Maximum number of rays of a study or call, and minimum number of rays traced per second on one core.
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
-#: Binary logarithm of the maximum number of points of a replicate for each heliostat and instant: the first value
-#: applies if the user sets the number of rays, the second if a precision determines it.
+#: Binary logarithms of the maximum number of points per replicate, heliostat and instant.
+#: The first value applies if the user sets the number of rays, the second if a precision determines this number.
 _MOST_POWER, _PILOT_POWER = 19, 16
-#: Maximum number of rays of a heliostat and instant if a precision determines it.
+#: Maximum number of rays per heliostat and instant if a precision determines this number.
 MOST = REPLICATES << _PILOT_POWER
 
 #: Lock that lets one thread compute points (130 MB for 4 million rays), which the other threads then use.
@@ -91,7 +92,8 @@ class Receiver(NamedTuple):
     """A rectangular or cylindrical receiver, created by `rectangle` or `cylinder`.
 
     The centre has the components east, north, up [m]. A rectangle has unit vectors along width and height, and its face
-    is on the side of their vector product. The sizes are half the width, or the radius, and half the height. [m]
+    is on the side of their vector product. `half_width` is half the width of a rectangle, or the radius of a cylinder,
+    and `half_height` is half the height. [m]
     """
 
     kind: int
@@ -181,8 +183,8 @@ class Traced(NamedTuple):
 
     Sums have the shape (`REPLICATES`, heliostats, groups, `QUANTITIES`). The light on each cell, in units of `unit`,
     has the shape (`REPLICATES`, rows, columns). Sums over the heliostats at each instant have the shape (`REPLICATES`,
-    instants, `QUANTITIES`). They have no weights, but are multiplied by `share` (`REFLECTED` and `RECEIVED`) or `area`
-    (other quantities).
+    instants, `QUANTITIES`). Sums at each instant have no weights, but are multiplied by `share` (`REFLECTED` and
+    `RECEIVED`) or `area` (other quantities).
 
     If requested, the images of the heliostats are stored as the number of lit cells of each heliostat, the indices of
     these cells, and the light on them, ordered by heliostat.
@@ -214,13 +216,13 @@ def barrier():
 
 @inline
 def add(array, index, value):
-    """Add to an element of an array; a device does this as one atomic operation."""
+    """Add a value to an array element; a device does so atomically."""
     array[index] += value
 
 
 @kernel
 def _blockers(start, stop, beams, field, mirrors, cells, names, rank, found, limits, firsts, out):
-    """List the heliostats that may block each heliostat; if `out` is too short, only the positions in it are valid."""
+    """List the heliostats that may block each heliostat; if `out` is too short, only its offsets `firsts` are valid."""
     for i in range(start, stop):
         dx, dy, dz = field[i, 4] - field[i, 0], field[i, 5] - field[i, 1], field[i, 6] - field[i, 2]
         far = limits[i - start] = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -281,7 +283,10 @@ def _place(r, count, points, block, f):
 
 @inner(fastmath=_FAST)
 def _map_slopes(r, count, place, slope, facet):
-    """Interpolate a slope map at the points of rays (rows E and F); `place` contains first x and y, and 1 / steps."""
+    """Interpolate a slope map at the points of rays (rows E and F).
+
+    `place` contains the first x and y of the grid, and the inverses of its steps.
+    """
     rows, columns = slope.shape[0], slope.shape[1]
     for k in range(lane(), count, lanes()):
         a, b = r[_A + k], r[_B + k]
@@ -334,7 +339,7 @@ def _reflect(r, count, points, block, f):
 
 @inner(fastmath=_FAST)
 def _cover(r, count, way, lit, limit, j, i, field, frames):
-    """Mark rays (row `lit`) as dark if mirror j covers them within a distance along the directions of rows `way`."""
+    """Mark rays as dark in row `lit` if mirror j intercepts them within `limit` along the directions in rows `way`."""
     single, e = np.float32, frames[j]
     n0, n1, n2, u0, u1 = single(e[0]), single(e[1]), single(e[2]), single(e[3]), single(e[4])
     u2, v0, v1, v2, limit = single(e[5]), single(e[6]), single(e[7]), single(e[8]), single(limit)
@@ -352,7 +357,7 @@ def _cover(r, count, way, lit, limit, j, i, field, frames):
 
 @inner(fastmath=_FAST)
 def _tower(r, count, i, field, tower):
-    """Mark rays as dark if a tower, given by radius and top, covers them on their way from the sun."""
+    """Mark rays as dark if the tower, with a radius and a top height, intercepts them on their way from the sun."""
     x, y, top = np.float32(-field[i, 0]), np.float32(-field[i, 1]), np.float32(tower[1] - field[i, 2])
     radius = np.float32(tower[0])
     for k in range(lane(), count, lanes()):
@@ -441,7 +446,7 @@ def _rotated(f, to, x, y, z, c, s):
 
 @inner
 def _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver):
-    """Write the constants for all rays of a heliostat and instant; see `_place` and `_reflect`."""
+    """Write the constants that all rays of a heliostat and instant share; see `_place` and `_reflect`."""
     for c in range(9):
         f[c] = frames[i, c]
     f[9], f[10], f[11] = sx, sy, sz
@@ -466,10 +471,10 @@ def _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver
 def trace_pairs(
     block, blocks, problem, sums, flux, whole, r, cell, counts, f, found, frames, stamp
 ):  # fmt: skip
-    """Trace every `blocks`-th pair of heliostats start..stop and instants begin..end; add to sums, flux and `whole`.
+    """Trace every `blocks`-th pair of heliostat and instant, and add the results to `sums`, `flux` and `whole`.
 
-    The threads that share a block of rays run this function together. Each thread traces its own rays, and all threads
-    write the same constants of a pair.
+    Pairs consist of the heliostats start..stop and the instants begin..end. The threads that share a block of rays run
+    this function together. Each thread traces its own rays, and all threads write the same constants of a pair.
     """
     (
         start,
@@ -581,7 +586,7 @@ def _add(sums, m, counts, w0, w1, cosine, each, unit):
 def _sobol(rng: np.random.Generator, power: int) -> Floats:
     """Return 2**power points of a scrambled Sobol sequence in eight dimensions, as `scipy.stats.qmc.Sobol` does.
 
-    SciPy's sampler takes 0.6 s to import.
+    This function replaces SciPy's sampler, which takes 0.6 s to import.
     """
     shift = rng.integers(2, size=(_DIMENSIONS, _BITS), dtype=np.uint32).astype(np.int64)
     matrix = np.tril(rng.integers(2, size=(_DIMENSIONS, _BITS, _BITS), dtype=np.uint32)).astype(np.int64)
@@ -603,7 +608,7 @@ def _sobol(rng: np.random.Generator, power: int) -> Floats:
 
 @functools.lru_cache(8)
 def _points(sun: bytes, variance: float, seed: int, power: int, lanes: int) -> tuple[NDArray[np.float32], Floats]:
-    """Return points of all replicates, and the maximum offsets of sun, slopes and specularity.
+    """Return the points of all replicates, and the maximum deviations of sun position, slopes and specularity.
 
     Points have the shape (blocks, 8, 64): positions on the mirror, positions on the sun, and standard normal deviates
     of errors.
@@ -648,12 +653,12 @@ def trace(
     Parameters
     ----------
     scene : Scene
-        All heliostats; each may shade and block any other.
+        Field, receiver and optical errors. Each heliostat may shade and block any other heliostat.
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun at all instants: east, north, up. Instants with the sun below the horizon are ignored.
         [1]
     weights : ndarray, shape (2, T), optional
-        Weight of each instant, for example its irradiation. Row 0 is without the reflectivity, row 1 with it.
+        Weight of each instant, for example its irradiation. Row 1 includes the reflectivity, row 0 does not.
     group : ndarray of int, shape (T,), optional
         Group of each instant, 0 to groups - 1, for example the month.
     groups : int
@@ -672,13 +677,13 @@ def trace(
     area : ndarray, shape (N,), optional
         Factor of each heliostat in sums over the heliostats; these sums are omitted without `area`.
     stride : int
-        Trace only pairs of heliostat and instant whose sum of numbers is a multiple of `stride`.
+        Only pairs of heliostat and instant whose indices add up to a multiple of `stride` are traced.
     threads : int
         Number of threads.
     cuda : bool
-        If True, trace on a graphics processor, controlled by one thread of the processor.
+        If True, trace on a graphics processor, controlled by one CPU thread.
     images : bool
-        If True, also return the image of each heliostat on the cells.
+        If True, also return the image of each heliostat on the cells of the flux map.
     """
     count = len(scene.centre)
     stop, last, rays = count if stop is None else stop, len(sun) if last is None else last, block_rays(rays)
@@ -697,7 +702,7 @@ def trace(
     with _LOCK:
         table, farthest = _points(np.stack(scene.sun[:2]).tobytes(), scene.sun.variance, seed, power, min(rays, _LANES))
     passes = max(1, rays // _LANES)
-    # a prime number of blocks: the daylight hours of a year use all blocks equally
+    # With a prime number of blocks, the daylight hours of a year use all blocks equally.
     primes, blocks = {1024: 1021, 512: 509, 256: 251, 128: 127}, len(table) // passes
     table = table[: passes * primes.get(blocks, blocks)]
     radius, beams = _spreads(scene, field, farthest)
@@ -781,12 +786,12 @@ def block_rays(rays: int) -> int:
 
 
 def mean_error(values: NDArray[Any]) -> tuple[Floats, Floats]:
-    """Return mean and standard error over replicates, the first axis.
+    """Return the mean and standard error over the replicates on the first axis.
 
     The standard error is scaled by Student's t, so that 95 % of means deviate by at most two standard errors.
     """
     mean: Floats = values.mean(axis=0)
-    # Half the deviation within which 95 % of Student's distribution with 7 degrees of freedom lie.
+    # In Student's distribution with 7 degrees of freedom, 95 % of deviations are at most 2.364624.
     return mean, values.std(axis=0, ddof=1) * (2.364624 / 2.0 / math.sqrt(REPLICATES))
 
 
@@ -806,8 +811,7 @@ def peak(flux: NDArray[Any]) -> tuple[float, float]:
     """Return the peak of a map, shape (`REPLICATES`, rows, columns), and its standard error.
 
     The maximum of noisy cells is biased upwards. If a cell has the maximum of seven replicates, its value in the eighth
-    replicate is biased downwards. The result is the mean of both values, and half their difference is part of its
-    error.
+    replicate is biased downwards. The result is the mean of both values, and the error includes half their difference.
     """
     cells = flux.reshape(REPLICATES, -1)
     highest = cells.sum(axis=0).argmax()
@@ -842,7 +846,7 @@ def rays_for(
     field, error = mean_error(light @ scene.sides.prod(axis=1))
     each, total = math.sqrt(np.mean(mean_error(light)[1] ** 2)), (lit if weights is None else lit * weights[0]).sum()
     wrong = max(float(error) / max(float(field), 1e-300) / 0.75, each * stride / max(total, 1e-300) / 6.0) / precision
-    # Errors of energies decrease with the number of rays to the power 0.7, and errors of cells with the power 0.45.
+    # Errors of energies are proportional to rays**-0.7, and errors of cells to rays**-0.45.
     rays = min(_LANES * wrong ** (1 / 0.7), MOST)
     if cells is not None:
         mean, errors = mean_error(found.flux.astype(np.float64))
@@ -863,13 +867,12 @@ def filled(slope: Floats) -> Floats:
 
 
 def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
-    """Return numbers of each mirror, shape (N, 25), mirrors sorted by cells, the cells, and the sorting order."""
+    """Return mirror parameters, shape (N, 25), the mirrors sorted by cells, the cells, and the sorting order."""
     count, half = len(scene.centre), 0.5 * scene.sides
     radius = np.hypot(*half.T)
     curve = np.broadcast_to(scene.curve.reshape(count, -1), (count, 2))
     errors = np.stack([np.broadcast_to(error, count) for error in scene.errors], axis=1)
-    # Rotations of the sun, specularity and slopes, and a shift on the mirror, so that no two mirrors use the same
-    # points.
+    # Each mirror rotates the sun, specularity and slopes and shifts the points, so that no two mirrors use equal rays.
     shift = (
         np.arange(1, count + 1)[:, np.newaxis]
         * (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
@@ -884,7 +887,7 @@ def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
 
 
 def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floats]:
-    """Return bounds of the angles of rays from the sun's centre, and of reflected rays from their axis. [rad]"""
+    """Return maximum angles between rays and the sun's centre, and between reflected rays and their axis. [rad]"""
     sun, slope, rest = farthest
     radius = 1.001 * math.tan(math.asin(sun)) + 1e-6
     lean = slope * field[:, 12:14].max(axis=1) + np.hypot(*scene.turn.T)
@@ -899,7 +902,7 @@ def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floa
 
 
 def warm_rays() -> None:
-    """Compile or load the ray tracer of a field with optics."""
+    """Compile the ray tracer of a field with optics, or load it from the cache."""
     place, aim, none = np.array([[0.0, 100.0, 5.0]]), np.array([[0.0, 0.0, 60.0]]), np.zeros(1)
     errors, receiver = Errors(1e-3, 1e-3, 0.0), rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 5.0, 5.0)
     facets, turn = Facets(1, 1, 0.0), np.zeros((1, 2))

@@ -1,4 +1,4 @@
-"""Unit vectors to the sun on the solar clock, and from daily nodes of a precise ephemeris for many sites.
+"""Unit vectors to the sun from solar time, or for many sites from daily nodes of a precise ephemeris.
 
 Apart from the Earth's rotation, the sun's apparent position changes smoothly over a day. The geocentric direction and
 the parallax are therefore interpolated by cubic splines through daily nodes, which are computed by the SPA [1]_. The
@@ -71,8 +71,7 @@ def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np
 
 #: Nanoseconds in a day.
 DAY = 86_400_000_000_000
-#: Number of quantities of a node: the geocentric unit vector to the sun (x, y, z) and the sine of its horizontal
-#: parallax.
+#: Number of quantities of a node: geocentric unit vector to the sun (x, y, z), and sine of its horizontal parallax.
 QUANTITIES = 4
 #: Number of instants in a batch, so that data common to all sites remain in the processor cache.
 CHUNK = 1024
@@ -144,7 +143,7 @@ def sun_at_sites(
 def _geocentric(
     utc: NDArray[np.int64], delta_t: Floats, first_day: int, pieces: Floats, first_piece: int, place: Floats
 ) -> None:
-    """Write the quantities of the nodes at each instant; the x axis of the frame is towards Greenwich's meridian."""
+    """Interpolate the quantities of the nodes at each instant; the x axis points to the Greenwich meridian."""
     for i in range(len(utc)):
         day = utc[i] // DAY
         fraction = (utc[i] - day * DAY) * (1.0 / DAY)

@@ -34,7 +34,7 @@ _NODES = 96
 
 
 class SunShape(NamedTuple):
-    """Light of the sun by angle; created by `pillbox`, `gaussian`, `limb_darkened`, `jose`, `buie` or `table`."""
+    """Angular brightness of the sun; created by `pillbox`, `gaussian`, `limb_darkened`, `jose`, `buie` or `table`."""
 
     #: Angular radii of the rings. [rad]
     radius: Floats
@@ -76,7 +76,7 @@ def jose() -> SunShape:
 
 @lru_cache(16)
 def buie(circumsolar_ratio: float) -> SunShape:
-    """Return disc and aureole of Buie et al. (2003); the aureole has the fraction `circumsolar_ratio` of the light.
+    """Return the disc and aureole of Buie et al. (2003); the aureole has the fraction `circumsolar_ratio` of the light.
 
     The published formula calls its parameter the circumsolar ratio, but the resulting ratio differs from the parameter
     by 0.1 percentage points or more. This function therefore finds the parameter for the requested ratio by bisection.
@@ -94,7 +94,7 @@ def buie(circumsolar_ratio: float) -> SunShape:
 
 
 def buie_formula(parameter: float) -> SunShape:
-    """Return disc and aureole of Buie et al. (2003) for the parameter chi of the published formula. [1]"""
+    """Return the disc and aureole of Buie et al. (2003) for the parameter chi of the published formula. [1]"""
     k = 0.9 * math.log(13.5 * parameter) * parameter**-0.3
     gamma = 2.2 * math.log(0.52 * parameter) * parameter**0.43 - 0.1
 
@@ -106,13 +106,13 @@ def buie_formula(parameter: float) -> SunShape:
 
 
 def table(angle: Floats, brightness: Floats) -> SunShape:
-    """Return a sun shape that is linear between brightnesses at ascending angles from the sun's centre [rad]."""
+    """Return a sun shape interpolated linearly between brightnesses at ascending angles from the sun's centre [rad]."""
     nodes = max(3, math.ceil(2 * _NODES / (len(angle) - 1)))
     return _rings(tuple(angle), lambda r: np.interp(r, angle, brightness), nodes)
 
 
 def quantile(shape: SunShape, part: Floats) -> Floats:
-    """Return the angle from the sun's centre that contains a given fraction of the light. [rad]"""
+    """Return the angle from the sun's centre within which a given fraction of the light lies. [rad]"""
     if shape.variance > 0.0:
         return math.sqrt(shape.variance) * np.sqrt(-2.0 * np.log1p(-part))
     within = np.concatenate(([0.0], np.cumsum(shape.share) - 0.5 * shape.share, [1.0]))
@@ -120,7 +120,7 @@ def quantile(shape: SunShape, part: Floats) -> Floats:
 
 
 def _rings(edges: tuple[float, ...], brightness: Callable[[Floats], Floats], nodes: int = _NODES) -> SunShape:
-    """Return rings between angles at which the brightness may have a discontinuity.
+    """Return a sun shape with rings between `edges`, the angles at which the brightness may be discontinuous.
 
     The nodes are denser at each outer edge, where the brightness may decrease as a square root.
     """

@@ -1,13 +1,13 @@
 """Cosine, shading, blocking and optical efficiency of heliostats in a field, as annual sums or at each instant.
 
-Instants are sorted into packets of similar sun directions. For each packet and heliostat, `sweep` finds the candidates,
-projects their images and computes the areas of the unions. The frame of a mirror is computed when it is first needed
-for an image.
+Instants are sorted into packets of similar sun directions. For each packet and heliostat, `sweep` finds the heliostats
+that may shade or block, projects them onto the mirror, and computes the area of the union of their images. A mirror's
+frame is computed only when an image first needs it.
 
-Values of a heliostat and an instant are bitwise equal for any split of heliostats and instants over calls. Sums also
-depend on the order of packets, which depends only on the sun vectors.
+The values of a heliostat at an instant are bitwise equal, however the heliostats and instants are divided among calls.
+Rounding errors of sums depend on the order of the packets, which follows from the sun vectors alone.
 
-Outlines of shadows and of blocked parts are the same images, clipped at the mirror's edges.
+Outlines of shadows and blocked parts are images of other mirrors, clipped at the edges of the test mirror.
 """
 
 from typing import NamedTuple
@@ -53,14 +53,14 @@ class SortedField(NamedTuple):
     cells: Cells
     #: Number of each heliostat before sorting.
     names: Integers
-    #: Radius and top of a tower at x = y = 0 that shades the mirrors; 0 without a tower. [m]
+    #: Radius and top height of a tower at x = y = 0 that shades the mirrors; 0 without a tower. [m]
     tower: Floats
 
 
 def aimed(
     x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float | Floats
 ) -> Mirrors:
-    """Return mirrors that aim at (0, 0, target_height), or each at its own point; parameters as in `sorted_field`."""
+    """Return mirrors that aim at (0, 0, target_height) or at individual points; parameters as in `sorted_field`."""
     centre, half = np.stack((x, y, z), axis=1).astype(float), np.stack((half_width, half_height), axis=1).astype(float)
     to_target = (target_height if np.ndim(target_height) else np.array([0.0, 0.0, target_height])) - centre
     throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
@@ -73,7 +73,9 @@ def sorted_field(
     x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float | Floats,
     tower: tuple[float, float] | None = None,
 ) -> SortedField:  # fmt: skip
-    """Sort the mirrors of a field, once for all blocks of heliostats of `field_energies` and similar functions.
+    """Sort the mirrors of a field by the cells of a grid.
+
+    Several calls of `field_energies` and similar functions can use one sorted field.
 
     Parameters
     ----------
@@ -84,12 +86,13 @@ def sorted_field(
     target_height : float or ndarray, shape (N, 3)
         Height of the target point at x = y = 0, or the aim point of each mirror. [m]
     tower : (float, float), optional
-        Radius and top of an upright cylinder at x = y = 0 that shades. [m]
+        Radius and top height of an upright cylinder at x = y = 0 that shades the mirrors. [m]
 
     Raises
     ------
     ValueError
-        If there are no mirrors, or a value is not finite.
+        If there are no mirrors, if the arrays have different lengths, if a value is not finite, or if a mirror is at
+        its target point.
     """
     if not len(x) or len({len(each) for each in (x, y, z, half_width, half_height)}) > 1:
         raise ValueError("centres and half sides must have equal numbers of finite values")
@@ -111,21 +114,22 @@ def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop:
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun: east, north, up. Instants with z <= 0 or NaN are ignored. [1]
     start, stop : int
-        Range of test heliostats; all N heliostats may shade and block them.
+        Range of heliostats to compute. All N heliostats may shade and block a heliostat in this range.
 
     Returns
     -------
     sums : ndarray, shape (stop - start, 5)
-        Sums of the cosine efficiency, the shading efficiency (1 - shaded fraction), the blocking efficiency
-        (1 - blocked fraction), the optical efficiency, cosine * (1 - fraction shaded or blocked), and the product of
-        the first three. [1]
+        Sums of five quantities: the cosine efficiency; the shading efficiency (1 - shaded fraction); the blocking
+        efficiency (1 - blocked fraction); the optical efficiency, cosine * (1 - fraction shaded or blocked); and the
+        product of the first three. [1]
     instants : int
-        Number of instants summed.
+        Number of instants with the sun above the horizon.
 
     Raises
     ------
     ValueError
-        If start..stop is not within the field, the tracking method is unknown, or sun vectors are not finite.
+        If start..stop is not within the field, the tracking method is unknown, or a sun vector above the horizon is not
+        finite.
     """
     sums = field_energies(field, tracking, sun, start, stop, np.ones(len(sun)), np.zeros(len(sun), np.int64), 1)
     return sums[:, 0, [0, 1, 2, 3, 5]], int(np.count_nonzero(sun[:, 2] > 0.0))
@@ -148,7 +152,7 @@ def field_energies(
     weight : ndarray, shape (T,)
         Weight of each instant, for example the irradiation of its interval.
     period : ndarray, shape (T,)
-        Index of the period of each instant, for example the month, from 0.
+        Index of the period of each instant, from 0. Periods are, for example, months.
     periods : int
         Number of periods.
 
@@ -156,14 +160,14 @@ def field_energies(
     -------
     ndarray, shape (stop - start, periods, 7)
         Weighted sums over each period, in the unit of the weights, of seven quantities: the cosine, shading, blocking
-        and optical efficiency; cosine times shading; cosine times shading times blocking; and cosine times the part
+        and optical efficiency; cosine times shading; cosine times shading times blocking; and cosine times the fraction
         that the tower does not shade.
 
     Raises
     ------
     ValueError
-        As in `field_sums`; also if weights or periods do not have one value for each instant, or a period is outside 0
-        to periods - 1.
+        As in `field_sums`, or if `weight` or `period` does not have one value for each instant, or if a period is not
+        from 0 to periods - 1.
     """
     weight, period = np.array(weight, np.float64), np.array(period, np.int64)
     if weight.shape != (len(sun),) or period.shape != (len(sun),) or not np.all((period >= 0) & (period < periods)):
@@ -174,7 +178,7 @@ def field_energies(
 
 
 def field_series(field: SortedField, tracking: int, sun: Floats, start: int, stop: int) -> Floats:
-    """Return the efficiencies at each instant, in the given order; parameters as in `field_sums`.
+    """Return the efficiencies at each instant, in the order of `sun`; parameters as in `field_sums`.
 
     Returns
     -------
@@ -198,7 +202,7 @@ def _sweep(
     period: Integers,
     sums: Floats,
 ) -> None:
-    """Check that the compiled code cannot exceed the bounds of arrays, then call `sweep`."""
+    """Check the arguments, because compiled code does not check array bounds, and call `sweep`."""
     count = len(field.names)
     if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun[sun[:, 2] > 0.0]).all():
         raise ValueError("sun vectors above the horizon must be finite, with shape (T, 3)")
@@ -222,31 +226,31 @@ def _sweep(
 
 #: Number of sums for each heliostat and period.
 _QUANTITIES = 7
-#: Maximum number of packets whose candidates are searched together, and maximum sine of the half-angle of their bundle,
-#: divided by the sine of the lowest elevation. Each packet then tests the candidates found.
+#: Maximum number of packets whose candidates are searched together; each packet then tests these candidates.
+#: Maximum sine of the half-angle of the directions in these packets, divided by the sine of the lowest elevation.
 _TOGETHER, _WIDEST = 8, 8.0
-#: Maximum number of frames of full packets before all are discarded; more would not fit in the processor's cache.
+#: Number of frames of full packets after which all frames are discarded, because more would not fit in the cache.
 _KEPT = 1000
 
 
 class Lines(NamedTuple):
-    """Rows of lanes of one packet and test heliostat, and frames of mirrors."""
+    """Values for one packet and test heliostat, in rows with one element for each lane, and frames of mirrors."""
 
-    #: Directions to the sun and to the target of the test heliostat. [1]
+    #: Unit vectors to the sun and to the target of the test heliostat. [1]
     to_sun: Floats
     to_target: Floats
-    #: Axes of projection along the sun and along the target direction. [1/m]
+    #: Projection axes U and V for the direction to the sun or to the target. [1/m]
     views: Floats
-    #: Areas of the unions of images on the test mirror: shaded, blocked, and shaded or blocked.
+    #: Shaded area, blocked area, and area that is shaded or blocked, on the square of area 4.
     total: Floats
     #: Weight of each lane.
     weight: Floats
     #: Weighted cosine, shading, blocking and optical efficiency; cosine times shading; cosine times shading times
-    #: blocking; and cosine times the part that the tower does not shade.
+    #: blocking; and cosine times the fraction that the tower does not shade.
     result: Floats
     #: Frames of mirrors, see `packets.write_frame`. [m]
     frames: Floats
-    #: Start of the frame of each heliostat of the field, -1 if there is no frame.
+    #: Offset of each heliostat's frame in `frames`, -1 if the frame has not been computed.
     place: Integers
 
 
@@ -267,14 +271,14 @@ def sweep(
     period: Integers,
     sums: Floats,
 ) -> None:
-    """Write the efficiencies of heliostats to `series`, and add their weighted values to `sums`.
+    """Write the weighted efficiencies of the test heliostats to `series`, and add them to `sums`.
 
     Parameters
     ----------
     mirrors, cells : Mirrors, Cells
         The field, from `packets.by_cells`.
     tower : ndarray, shape (2,)
-        Radius and top of the tower, 0 without one. [m]
+        Radius and top height of the tower, 0 without a tower. [m]
     tracking : int
         Code of the tracking method.
     sun : ndarray, shape (T, 3)
@@ -282,19 +286,18 @@ def sweep(
     order, first : ndarray
         Packets, from `packets.packet_order`.
     turn : ndarray
-        Order in which the instants of each packet are summed: indices of `order`, by periods.
+        Indices of `order`, sorted by period within each packet. Instants are summed in this sequence.
     tests, names : ndarray, shape (n,)
-        Heliostats, and their rows in the results.
+        Indices of the test heliostats in the sorted field, and their rows in the results.
     series : ndarray, shape (4, T, n), or (4, 0, 0) if no series is written
         Cosine, shading, blocking and optical efficiency, times the weight. [1]
     weight, period : ndarray, shape (T,)
         Weight and period of each instant.
     sums : ndarray, shape (n, P, 7), or (n, 0, 7) if nothing is summed
-        Weighted sums over each period of the quantities of the series; of cosine times shading; of cosine times shading
-        times blocking; and of cosine times the part that the tower does not shade.
+        Weighted sums over each period of the seven quantities that `field_energies` returns.
     """
     count = mirrors.throw.shape[0]
-    # room for 16 images; memory of frames is not occupied before it is used
+    # Arrays for 16 images. Unused rows of `frames` do not occupy memory.
     found, place, frames = np.empty(count + 1, np.int64), np.empty(count, np.int64), rows((_KEPT + 18) * 7)
     lines, images, room = (
         Lines(rows(3), rows(3), rows(6), rows(3), rows(1), rows(_QUANTITIES), frames, place),
@@ -307,13 +310,13 @@ def sweep(
     for p in range(first.shape[0] - 1):
         packet = order[first[p] : first[p + 1]]
         lanes = -(-packet.shape[0] // GROUP) * GROUP
-        for k in range(lanes):  # padded to whole groups with the last lane
+        for k in range(lanes):  # the last instant is repeated until its group is full
             when = packet[min(k, packet.shape[0] - 1)]
             lines.weight[k] = weight[when]
             for c in range(3):
                 lines.to_sun[c * ROW + k] = sun[when, c]
         t, bundle = 0, beam(sun, packet)
-        if p == last:  # list the candidates for the next packets together
+        if p == last:  # list the candidates of several packets together
             whole, last = bundle, p + 1
             while last < min(p + _TOGETHER, first.shape[0] - 1):
                 wider = beam(sun, order[first[p] : first[last + 1]])
@@ -335,9 +338,10 @@ def sweep(
 
 @kernel
 def _candidates(tests, bundle, blocking, mirrors, cells, names, begins):
-    """List the candidates of each test heliostat along a bundle of sun directions, or along its target direction.
+    """List the heliostats that may shade each test heliostat for a bundle of sun directions, or that may block it.
 
-    Returns the list, a longer array than `names` if needed, and writes the start of each test heliostat to `begins`.
+    Returns the list in `names`, or in a longer array if `names` is too short. The part of the list for test heliostat t
+    begins at ``begins[t]``.
     """
     t, limit = 0, np.inf
     while t < tests.shape[0]:
@@ -355,7 +359,11 @@ def _sweep_packet(
     t, tests, bundle, mirrors, tower, tracking, found, shaders, ends, blockers, begins, lines, images, room, order,
     start, stop, turn, names, series, period, sums,
 ):  # fmt: skip
-    """Process a packet for the test heliostats from number t; return the next one and its number of candidates."""
+    """Compute a packet for the test heliostats from index t on.
+
+    Stops if the scratch arrays are too small for a heliostat. Returns the index of this heliostat and its number of
+    images, or the number of test heliostats and 0.
+    """
     lanes, used = -(-(stop - start) // GROUP) * GROUP, np.int64(0)
     for m in range(lines.place.shape[0]):
         lines.place[m] = -1
@@ -366,7 +374,7 @@ def _sweep_packet(
             found[count] = shaders[m]
             count += occludes(i, shaders[m], bundle, np.inf, mirrors)
         most = count + begins[t + 1] - begins[t] + 1
-        if most > images.present.shape[0]:  # not enough room
+        if most > images.present.shape[0]:  # the scratch arrays are too small
             return t, most
         if used > _KEPT * (ROW // lanes):
             for m in range(lines.place.shape[0]):
@@ -403,7 +411,7 @@ def _sweep_packet(
 
 @inline
 def _frame(count, lanes):
-    """Return the start of frame number `count`.
+    """Return the offset of frame number `count` in the array of frames.
 
     Frames of short packets share rows, so that more frames fit in the cache.
     """
@@ -413,7 +421,7 @@ def _frame(count, lanes):
 
 @inner
 def _shade_by_tower(i, mirrors, tower, lines, images, room, lanes):
-    """Project the tower, and write the part of heliostat i that it does not shade; return the number of images."""
+    """Write the fraction of heliostat i that the tower does not shade; return the number of tower images (0 or 1)."""
     made = np.int64(0)
     if tower[0] > 0.0:
         base = -mirrors.centre[i, 0], -mirrors.centre[i, 1], -mirrors.centre[i, 2]
@@ -429,7 +437,7 @@ def _shade_by_tower(i, mirrors, tower, lines, images, room, lanes):
 
 @inner
 def _have_frame(j, mirrors, tracking, lines, used, lanes):
-    """Compute the frame of heliostat j if it is missing; return the number of frames."""
+    """Compute the frame of heliostat j if it is missing; return the number of computed frames."""
     if lines.place[j] >= 0:
         return used
     lines.place[j] = _frame(used, lanes)
@@ -439,7 +447,7 @@ def _have_frame(j, mirrors, tracking, lines, used, lanes):
 
 @inner
 def _make_images(i, candidates, mirrors, tracking, lines, directions, images, made, used, lanes):
-    """Project the candidates of heliostat i to images from number `made`; return the numbers of images and frames."""
+    """Project candidates onto heliostat i, from image `made` on; return the numbers of images and frames."""
     if candidates.shape[0] > 0:
         write_axes(lines.views, lines.frames, lines.place[i], directions, lanes)
     for m in range(candidates.shape[0]):
@@ -460,7 +468,7 @@ def _left(covered):
 
 @inner
 def _add_to_sums(result, order, start, stop, turn, period, sums):
-    """Add the results of one heliostat and packet to its sums of each period."""
+    """Add the results of one heliostat in one packet to the heliostat's sums over each period."""
     n = start
     while n < stop:
         when = period[order[turn[n]]]
@@ -480,8 +488,7 @@ def _add_to_sums(result, order, start, stop, turn, period, sums):
         sums[when, 4], sums[when, 5], sums[when, 6] = e, f, g
 
 
-#: Maximum number of corners of an outline: four, one for the cut by the plane of the mirror, and one for each of its
-#: edges.
+#: Maximum number of corners of an outline: 4, plus 1 from the plane of the mirror and 1 from each of its 4 edges.
 OUTLINE_CORNERS = 9
 
 
@@ -497,9 +504,10 @@ def _outlines(
     corners: Floats,
     whole: Floats,
 ) -> None:
-    """Write `corners` and, for each image, its area and heliostat to `whole`; the last row of `whole` has the counts.
+    """Write the corners of each image to `corners`, and its area and heliostat to `whole`.
 
-    Shapes are as in `mirror_outlines`, except `sun`, (1, 3), and `whole`, (tests, 2, images + 1, 2).
+    The last row of `whole` contains the number of images. `corners` has the shape of `Outlines.corners`, `sun` the
+    shape (1, 3), and `whole` the shape (tests, 2, images + 1, 2).
     """
     to_sun = rows(3)
     frames, views, to_target, images, only = rows(14), rows(6), rows(3), images_of(1), np.zeros(1, np.int64)
@@ -529,7 +537,7 @@ def _outlines(
 
 @kernel
 def _insert(pieces, piece, count, j, half, corners, whole):
-    """Insert an image into the kept images, which are in descending order of area."""
+    """Insert an image into the kept images of a mirror, in descending order of area."""
     size, last = area(pieces, piece, count) / SQUARE * 4.0 * half[0] * half[1], whole.shape[0] - 1
     if size <= 0.0:
         return
@@ -548,10 +556,9 @@ def _insert(pieces, piece, count, j, half, corners, whole):
 
 
 class Outlines(NamedTuple):
-    """Shadows (index 0) and blocked parts (index 1) on mirrors, in descending order of area; NaN without an image."""
+    """Shadows (index 0) and blocked parts (index 1) on mirrors, largest areas first; NaN if there are fewer images."""
 
-    #: Coordinates of corners along width and height, from the mirror's centre, shape (tests, 2, images,
-    #: OUTLINE_CORNERS, 2). [m]
+    #: Corners along width and height, from the mirror's centre, shape (tests, 2, images, OUTLINE_CORNERS, 2). [m]
     corners: Floats
     #: Area of each image, shape (tests, 2, images). [m2]
     area: Floats
@@ -583,7 +590,7 @@ def mirror_outlines(
     sun : ndarray, shape (3,)
         Unit vector to the sun: east, north, up. All results are NaN if the sun is at or below the horizon. [1]
     images : int
-        Maximum number of outlines for each mirror and effect; outlines with the smallest areas are omitted.
+        Maximum number of shadows, and of blocked parts, on each mirror. Images with the smallest areas are omitted.
     """
     (mirrors, cells, names), count = by_cells(aimed(x, y, z, half_width, half_height, target_height)), stop - start
     corners, whole = np.full((count, 2, images, OUTLINE_CORNERS, 2), np.nan), np.full((count, 2, images + 1, 2), np.nan)
@@ -605,7 +612,7 @@ def mirror_outlines(
 
 
 def warm_field(outlines: bool = False) -> None:
-    """Compile or load the kernels of heliostat fields, and optionally of outlines of shadows."""
+    """Compile the field kernels or load them from the cache, optionally with the kernel of shadow outlines."""
     place, side = np.array([10.0, 30.0]), np.ones(2)
     sun = np.array([[0.0, 0.0, 1.0]])
     field_sums(sorted_field(place, place, side, side, side, 50.0), 0, sun, 0, 2)

@@ -1,19 +1,21 @@
-"""Packets of at most 64 instants with nearly equal sun directions, and frames of mirrors in these packets.
+"""Packets of at most 64 instants with similar sun directions, and frames of mirrors at these instants.
 
-Candidates and branches are selected for all lanes (instants) of a packet together, so similar lanes save time.
+All lanes (instants) of a packet share one list of candidates and one sequence of branches, so similar instants save
+time.
 
-A mirror at C with the target at unit vector r has the normal n = unit(r + s) and the frame (u, v, n), v = n x u, with
-its width along u and its height along v. Vectors are stored for all lanes of a packet, see `vectors.load`.
+If r and s are the unit vectors to the target and the sun, a mirror has the normal n = unit(r + s). Its frame is (u, v,
+n) with v = n x u; its width is along u, and its height is along v. Vectors are stored for all lanes of a packet, see
+`vectors.load`.
 
 Heliostats that may shade or block a mirror are selected by a uniform grid, a wedge and a cone. The selection never
 misses a heliostat that shades or blocks.
 
-Let D = C_j - C_i, R the sum of the bounding radii of mirrors i and j, and d a direction (sun or target). Mirror j
-projects onto mirror i along d only if the line distance |D - (D.d) d| is below R. If the bounding spheres are disjoint
-(|D| > R), mirror j must also be in front, D.d > 0. Proof: if a point C_j + q is in front of C_i + p along d, then t d =
-D + e, |e| = |q - p| <= R, with t > 0. If D.d <= 0, then e.d >= t - D.d >= |D.d| and, across d, |e| equals the line
-distance. This gives |e| >= |D|, a contradiction. Both conditions imply that the angle between D and d is below asin(R /
-|D|).
+Let D = C_j - C_i be the vector from mirror i to mirror j, R the sum of their bounding radii, and d a direction to the
+sun or the target. Mirror j projects onto mirror i along d only if the line distance |D - (D.d) d| is below R. If the
+bounding spheres are disjoint (|D| > R), mirror j must also be in front, D.d > 0. Proof: if a point C_j + q is in front
+of C_i + p along d, then t d = D + e, |e| = |q - p| <= R, with t > 0. If D.d <= 0, then e.d >= t - D.d >= |D.d| and,
+across d, |e| equals the line distance. Hence |e| >= |D| > R, a contradiction. Both conditions imply that the angle
+between D and d is below asin(R / |D|).
 """
 
 import math
@@ -26,20 +28,20 @@ from heliosweep.kernels.mounts import AZIMUTH_ELEVATION as AZIMUTH_ELEVATION
 from heliosweep.kernels.mounts import TARGET_ALIGNED
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW, Vector, cross, dot, load, mixed, put, scaled, store
 
-#: Maximum of the number of lanes times the width of a packet, divided by the sine of its minimum elevation. Smaller
-#: packets repeat the search too often, and wider packets have too many candidates. The value was measured and is not
-#: critical: half or twice the value costs a few per cent more time for low suns. With thousands of instants, only
-#: packets with the lowest sun elevations reach the limit.
+#: Maximum of the number of lanes times the width of a packet, divided by the sine of its minimum elevation.
+#: Smaller packets repeat the search too often, and wider packets have too many candidates.
+#: The value was measured and is not critical: half or twice the value costs a few per cent more time for low suns.
+#: With thousands of instants, only packets with the lowest sun elevations reach the limit.
 _LIMIT = 480.0
 
 
 def packet_order(sun: Floats) -> tuple[Integers, Integers]:
-    """Sort instants by similar sun directions, and divide them into packets.
+    """Divide instants into packets with similar sun directions.
 
     A k-d tree divides the instants at the median of the component with the largest range, until each part is a packet.
-    A packet has at most 64 lanes, and fewer if their directions spread over much of the sky. Each lane tests the
-    candidates of all lanes, and their number grows with the spread divided by the sine of the elevation. Equal values
-    keep their order.
+    A packet has at most 64 lanes, and fewer if the sun directions are widely spread. Each lane tests the candidates of
+    all lanes, and the number of candidates grows with the spread divided by the sine of the elevation. Instants with
+    equal values keep their order.
 
     Parameters
     ----------
@@ -49,8 +51,8 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
     Returns
     -------
     order : ndarray, shape (T,)
-        Indices in packet order. Each packet is divided further into groups of 8 similar instants with ascending
-        indices.
+        Indices of the instants, packet by packet. Each packet is divided further into groups of 8 similar instants with
+        ascending indices.
     first : ndarray, shape (P + 1,)
         Packet p is ``order[first[p] : first[p + 1]]`` and is never empty.
     """
@@ -76,7 +78,7 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
 
 
 def _groups(sun: Floats, packets: Integers) -> Integers:
-    """Divide packets of one size, shape (P, size), into groups of similar instants."""
+    """Sort the instants of packets of equal size, shape (P, size), into groups of similar instants."""
     size = packets.shape[1]
     if size <= GROUP:
         return np.sort(packets, axis=1)
@@ -87,10 +89,10 @@ def _groups(sun: Floats, packets: Integers) -> Integers:
     return np.concatenate((_groups(sun, rising[:, :middle]), _groups(sun, rising[:, middle:])), axis=1)
 
 
-#: Code of target-aligned mounts: the first axis is along r, and the width axis u = unit(r x s) is normal to the plane
-#: of incidence.
+#: Code of target-aligned mounts, whose first axis is along r.
+#: The width axis u = unit(r x s) is normal to the plane of incidence.
 SPINNING_ELEVATION = TARGET_ALIGNED
-#: Size of a frame in numbers: rows of the half sides (w/2) u and (h/2) v, and of the cosine of incidence.
+#: Number of floats in a frame: 3 rows each for the half sides (w/2) u and (h/2) v, 1 row for the cosine of incidence.
 FRAME = 7 * ROW
 #: Offset of the row of the cosine of incidence, n.s = n.r = |r + s| / 2.
 COSINE = 6 * ROW
@@ -115,11 +117,12 @@ class Mirrors(NamedTuple):
 
 @inner
 def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, tracking: int, lanes: int) -> None:
-    """Write the frame of mirror i, rows from `f` on, for the lanes of a packet. [m]
+    """Write the frame of mirror i for all lanes of a packet to `frames`, from offset `f` on. [m]
 
-    There are degenerate cases. If s is parallel to r (spinning-elevation), u is unit(-r_y, r_x, 0). If the normal is
-    vertical (azimuth-elevation), or r is also vertical, u points east. If the sun is exactly opposite to r, there is no
-    normal, and sides and cosine are 0.
+    The axis u is undefined if s is parallel to r (spinning-elevation), or if the normal is vertical
+    (azimuth-elevation). In the first case, u is set to unit(-r_y, r_x, 0), or to east if r is vertical. In the second
+    case, u is set to east. If the sun is exactly opposite to r, there is no normal, and the half sides and the cosine
+    are set to 0.
 
     `sun` contains the rows x, y, z of unit vectors to the sun [1]. `tracking` is `SPINNING_ELEVATION` or
     `AZIMUTH_ELEVATION`.
@@ -145,14 +148,14 @@ def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, t
         store(frames, f + 3 * ROW, k, scaled(half_height * inverse, cross(n, u)))
 
 
-#: Safety factor of all bounds: far above rounding, but too small to add candidates.
+#: Safety factor of all bounds: far larger than rounding errors, but too small to add candidates.
 _SLACK = 1.0 + 1e-9
 
 
 class Cells(NamedTuple):
     """Uniform horizontal grid over the field. Heliostats of one cell, and of one row of cells, are contiguous."""
 
-    #: First heliostat of each cell, from west to east, then from south to north, and the end of the last cell.
+    #: Index of the first heliostat of each cell, west to east, then south to north, and end of the last cell.
     first: Integers
     west: float
     south: float
@@ -166,13 +169,13 @@ class Cells(NamedTuple):
 
 
 class Beam(NamedTuple):
-    """A bundle of directions that all lie within an angle of an axis."""
+    """Bundle of directions that all lie within a certain angle from an axis."""
 
     axis: Vector
     #: Cosine of the half-angle.
     cosine: float
     sine: float
-    #: Minimum |sine of the elevation| of the directions.
+    #: Minimum absolute sine of the elevation of the directions.
     low: float
     #: Unit vectors of the leftmost and the rightmost horizontal direction, for a narrow beam.
     left: tuple[float, float]
@@ -184,7 +187,7 @@ class Beam(NamedTuple):
 def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells, Integers]:
     """Sort mirrors by the cells of a grid, so that close mirrors are close in memory.
 
-    Returns the sorted mirrors, the cells, and the numbers of the mirrors before sorting.
+    Returns the sorted mirrors, the cells, and the original index of each sorted mirror.
     """
     low, spread = mirrors.centre.min(axis=0), np.ptp(mirrors.centre, axis=0)
     count, largest = len(mirrors.radius), mirrors.radius.max()
@@ -202,7 +205,7 @@ def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells, Integers]:
 
 @inner
 def beam(directions: Floats, some: Integers) -> Beam:
-    """Return the bundle of some of the unit vectors, shape (N, 3)."""
+    """Return the bundle of the rows `some` of an array of unit vectors, shape (N, 3)."""
     x = y = z = 0.0
     for m in some:
         d = directions[m, 0], directions[m, 1], directions[m, 2]
@@ -215,7 +218,7 @@ def beam(directions: Floats, some: Integers) -> Beam:
         cosine, low = min(cosine, dot(axis, d)), min(low, abs(d[2]))
         level = np.sqrt(d[0] * d[0] + d[1] * d[1])
         plan = min(plan, (gx * d[0] + gy * d[1]) / level) if level > 1e-12 else -1.0
-    # The tolerance is added before the sines are computed, so that no angle is smaller than the true angle.
+    # Cosines are reduced by a tolerance before the sines are computed, so that no angle is too small.
     cosine, plan = cosine - 1e-14, plan - 1e-14
     sine, swing = np.sqrt(max(0.0, 1.0 - cosine * cosine)), np.sqrt(max(0.0, 1.0 - plan * plan))
     left, right = (plan * gx - swing * gy, plan * gy + swing * gx), (plan * gx + swing * gy, plan * gy - swing * gx)
@@ -237,15 +240,16 @@ def cone(x: float, y: float, z: float, spread: float) -> Beam:
 def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, found: Integers) -> int:
     """List all heliostats that may occlude heliostat i along a direction of the bundle; return their number.
 
-    Let h be the horizontal distance ahead of i along the azimuth of d, and a the elevation of d. The line distance has
-    the components h sin a - dz cos a and the lateral offset. The offset is therefore below R, and h < (R + |dz| cos a)
-    / sin a. A mirror in front (D.d > 0, or |D| <= R) also has h >= -R: for dz >= 0, h > -dz tan a and h > dz cot a - R
-    / sin a, and the larger of these bounds has the minimum -R sin a. For dz < 0, h > 0. A direction below the horizon
-    is the mirror image. So D lies in a strip of half-width R from h = -R, rotated over the azimuths of the bundle. If
-    the azimuths span less than half a circle, three straight lines at the distance sqrt(2) R from i contain the rotated
-    strip on its left, right and rear side. The function visits the cells between these lines in a fixed order. It keeps
-    a heliostat if the angle between D and the axis is below asin(R / |D|) + half-angle, by the triangle inequality on
-    the sphere, or if |D| <= R.
+    Let a be the elevation of d, h the component of D along the azimuth of d, and dz the vertical component of D. The
+    line distance, below R, has the components h sin a - dz cos a and the lateral offset. The lateral offset is
+    therefore below R, and h < (R + |dz| cos a) / sin a. A mirror in front (D.d > 0, or |D| <= R) also has h >= -R: for
+    dz >= 0, h > -dz tan a and h > dz cot a - R / sin a, and the larger of these bounds has the minimum -R sin a. For dz
+    < 0, h > 0. A direction below the horizon gives the mirror image of this case. D therefore lies in a strip of
+    half-width R that begins at h = -R and is rotated over the azimuths of the bundle. If the azimuths span less than
+    half a circle, three straight lines at the distance sqrt(2) R from i contain the rotated strip on its left, right
+    and rear side. The function visits the cells between these lines in a fixed order. A heliostat is listed if |D| <=
+    R, or if the angle between D and the axis is below asin(R / |D|) + half-angle, by the triangle inequality on the
+    sphere.
 
     `limit` is the maximum of D.d, infinite for the sun [m]; `found` must have one element for each heliostat.
     """

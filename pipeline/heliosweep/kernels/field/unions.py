@@ -1,27 +1,27 @@
-"""Exact areas of the unions of images on a test mirror, for all lanes of a packet.
+"""Exact area of the union of images on a test mirror, for all lanes of a packet.
 
 The test mirror, scaled by its half sides, is the square [-1, 1] x [-1, 1]. A polygon is a counter-clockwise list of
 corners x, y, x, y, ... in a flat array; its start and number of corners are stored separately. All functions are
 continuous in the corners, so coincident or nearly coincident edges cause rounding errors only.
 
-For the test mirror (u, v, n) and the direction d (sun, or the mirror's own target), a point P = C + q of the scene is
-projected along d to ((q.U), (q.V)) on the plane of the mirror. With u and v the half sides, U = (v x d) / (u.(v x d))
-and V = (d x u) / (u.(v x d)), so that u.U = v.V = 1, and the test mirror is the square [-1, 1] x [-1, 1]. The image of
-another mirror is a parallelogram, given by its centre and two half edges.
+Let C be the centre of the test mirror, u and v its half sides, and d the direction to the sun or the target. A point C
++ q is projected along d to (q.U, q.V) on the plane of the test mirror, where U = (v x d) / (u.(v x d)) and V = (d x u)
+/ (u.(v x d)). Because u.U = v.V = 1, the test mirror is the square [-1, 1] x [-1, 1]. The image of another mirror is a
+parallelogram, given by its centre and two half edges.
 
 If no four images of a lane overlap, the area of the union is the sum of the areas, minus the common areas of pairs,
-plus the common areas of triples. In all other lanes, the images are subtracted from the square one by one. The same
-applies if edges tie (coincide), or if a mirror crosses the plane of the test mirror.
+plus the common areas of triples. In all other lanes, the images are subtracted from the square one by one. Images are
+also subtracted one by one if edges coincide (tie), or if a mirror crosses the plane of the test mirror.
 
-Sets of lanes are integers with a bit for each lane. The method used for a lane depends only on the images of this lane,
+Sets of lanes are integers with a bit for each lane. The method for a lane depends only on the images in this lane,
 which keep the order of the search. The result of a lane therefore does not depend on its packet.
 
 The common area of the square and two images follows from the boundary of the first image within the square. This
 boundary has eight parts: the parts of the four edges of the image within the square, and the parts of the square's
-edges within the image. Both use the same crossings, so the boundary is closed. In coordinates in which the second image
-is the square, `edge_terms` gives the area by Green's theorem. If an edge of the first image nearly coincides with a
-side of the square, their crossing is ill-defined, and the lane uses the other method. Edges of the two images may
-coincide, because each step is then a clamp that is continuous in the corners.
+edges within the image. All parts are computed from common crossings, so the boundary is closed. In coordinates in which
+the second image is the square, `edge_terms` gives the area by Green's theorem. If an edge of the first image nearly
+coincides with a side of the square, their crossing is ill-defined, and the images in this lane are subtracted one by
+one. Edges of the two images may coincide, because each step is then a clamp that is continuous in the corners.
 """
 
 import math
@@ -36,7 +36,7 @@ from heliosweep.kernels.vectors import ROW, Vector, cross, dot, get, load, load2
 SQUARE = 4.0
 #: Maximum number of corners of an image: four, and one more if a plane cuts off a corner.
 CORNERS = 5
-#: One number for each of four edges.
+#: Values for the four edges of an image.
 Four = tuple[float, float, float, float]
 
 
@@ -62,7 +62,7 @@ def smaller(a: float, b: float) -> float:
 
 @inline
 def unit(value: float) -> float:
-    """Clamp to [-1, 1], in a form that compiles to two vector instructions."""
+    """Clamp a number to [-1, 1], in a form that compiles to two vector instructions."""
     return larger(smaller(value, 1.0), -1.0)
 
 
@@ -91,10 +91,10 @@ def edge_terms(px: Four, py: Four, qx: Four, qy: Four, rise: Four, run: Four) ->
     Their sum around a polygon is, up to the sign, the area within the square (Green's theorem; each vertical line adds
     the clamped top minus the clamped bottom). By partial integration, each integral is [x y] minus the integral of x
     dy, which needs x only where the edge crosses y = -1 and y = 1. These crossings are computed directly, not from a
-    ratio of integrals, so nearly horizontal and nearly vertical edges lose no accuracy. Crossings beyond the square do
-    not count; their mean is clamped because of rounding. `rise` and `run` are the slopes dy/dx and dx/dy of the edges,
-    from `slopes`. The four edges are processed together, because the instructions of successive edges would wait for
-    each other.
+    ratio of integrals, so nearly horizontal and nearly vertical edges lose no accuracy. Crossings outside the square do
+    not contribute. The mean of two crossings is clamped because of rounding errors. `rise` and `run` are the slopes
+    dy/dx and dx/dy of the edges, from `slopes`. The four edges are processed together, because the instructions of
+    successive edges would wait for each other.
     """
     x0, x1 = units(px), units(qx)
     y0, y1 = along(py, less(x0, px), rise), along(qy, less(x1, qx), rise)
@@ -128,8 +128,8 @@ def cut(
 ) -> tuple[int, int]:
     """Cut a convex polygon into a left and a right part by the line through o along e.
 
-    The polygon begins at `at` in `polygons` and has `corners` corners. The left part is written to `inside` and the
-    right part to `outside`; these must not overlap the polygon in the array. Returns the number of corners of each
+    The polygon begins at `at` in `polygons` and has `corners` corners. The left part is written at `inside` and the
+    right part at `outside`; neither part may overlap the polygon in the array. Returns the number of corners of each
     part. A part without interior may have corners on the line; its area is 0.
     """
     left = right = 0
@@ -177,7 +177,7 @@ def crossing(polygons: Floats, at: int, corners: int, pieces: Floats, piece: int
 def within(pieces: Floats, piece: int, size: int, polygons: Floats, at: int, corners: int) -> tuple[int, int]:
     """Clip a piece at the edges of a polygon; return start and number of corners of the remainder (0 if empty).
 
-    The piece begins at 0 or at one third of `pieces`; the rest is scratch.
+    The piece begins at 0 or at one third of `pieces`; the rest of the array is scratch space.
     """
     crossed, third = crossing(polygons, at, corners, pieces, piece, size), len(pieces) // 3
     px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
@@ -195,14 +195,14 @@ def leave_open(
     polygons: Floats, corners: Integers, k: int, middle: int, last: int, pieces: Floats, piece: int, size: int,
     top: int, totals: Floats,
 ) -> None:  # fmt: skip
-    """Add the areas of a convex piece outside convex polygons k..middle, and outside k..last, to two totals.
+    """Add the areas of a convex piece outside polygons k..middle and outside polygons k..last to `totals`.
 
-    Polygons are subtracted one after the other, depth first over convex pieces. Each edge of a polygon splits off the
-    part outside the edge, and the part inside all edges is discarded. Pieces never overlap, so no inclusion-exclusion
-    is needed.
+    The polygons are convex, and are subtracted one after the other, depth first over convex pieces. Each edge of a
+    polygon splits off the part outside the edge, and the part inside all edges is discarded. Pieces never overlap, so
+    no inclusion-exclusion is needed.
 
-    `polygons` has storage for `CORNERS` corners per polygon, and `corners` contains their numbers of corners. The piece
-    of `size` corners begins at `piece` in `pieces`, and scratch begins at `top`.
+    `polygons` has storage for `CORNERS` corners per polygon, and `corners` contains the actual number of corners of
+    each polygon. The piece of `size` corners begins at `piece` in `pieces`, and scratch space begins at `top`.
     """
     crossed = -1
     while crossed < 0:  # skip polygons that do not overlap the piece
@@ -227,21 +227,22 @@ def leave_open(
         px, py = qx, qy
 
 
-#: Size of an image in numbers. The rows are its centre x, y; half edges a and b (x, y each); area on the test mirror (0
-#: if none); and heights above the plane of the test mirror, for the centre and along a and b.
+#: Number of floats in an image.
+#: The rows are the centre (x, y), the half edges a and b (x, y each), and the area on the test mirror (0 if outside).
+#: Three more rows contain heights above the plane of the test mirror, for the centre and along a and b.
 IMAGE = 10 * ROW
 #: Offsets of the rows of areas and heights. Heights are valid only in lanes of `Images.behind`.
 AREA, _HEIGHT = 6 * ROW, 7 * ROW
 
 
 class Images(NamedTuple):
-    """Images on one test mirror: shading images, then blocking images."""
+    """Images of other mirrors on one test mirror, shading images before blocking images."""
 
-    #: Data of the images, `IMAGE` numbers per image.
+    #: Rows of the images, `IMAGE` floats per image.
     rows: Floats
     #: Lanes in which each image covers part of the test mirror, a bit for each lane.
     present: Integers
-    #: Lanes in which a part of the mirror of the image lies behind the plane of the test mirror and is cut off.
+    #: Lanes in which part of the projected mirror lies behind the plane of the test mirror and is cut off.
     behind: Integers
 
 
@@ -253,10 +254,10 @@ def images_of(count: int) -> Images:
 
 @inner
 def write_axes(views: Floats, frames: Floats, f: int, directions: Floats, lanes: int) -> None:
-    """Write the rows U and V (x, y, z of each) of the test mirror with the frame at `f` in `frames`. [1/m]
+    """Write the projection axes U and V (x, y, z of each) of the test mirror whose frame is at `f` in `frames`. [1/m]
 
-    Without a frame, U and V are 0. Their denominator is computed from the vectors, because the cosine would have large
-    rounding errors at grazing incidence.
+    U and V are 0 if the sides of the mirror are 0. The denominator of U and V is computed from the vectors, because the
+    cosine would have large rounding errors at grazing incidence.
     """
     for k in range(lanes):
         u, v, d = load(frames, f, k), load(frames, f + 3 * ROW, k), load(directions, 0, k)
@@ -280,7 +281,7 @@ def project(
     apart: bool,
     lanes: int,
 ) -> bool:
-    """Write image number m of a mirror; return True if it covers part of the test mirror.
+    """Project a mirror to image number m; return True if the image covers part of the test mirror.
 
     The overlap is tested by separating axes: the normals of the edges of the square and of the image.
 
@@ -313,21 +314,21 @@ def project_tower(
     images: Images, m: int, views: Floats, frames: Floats, test: int, directions: Floats, base: Vector, low: float,
     tower: Floats, lanes: int,
 ) -> bool:  # fmt: skip
-    """Write image number m of a tower, an upright cylinder; return True if it covers part of the test mirror.
+    """Project a tower, an upright cylinder, to image number m; return True if the image covers part of the mirror.
 
     The cylinder is replaced by an upright rectangle of equal diameter that faces the sun, pi/4 radii in front of the
-    axis. Its shadow has a straight end, and its area equals the area of the shadow with the round end. A tower has no
-    lower end.
+    axis. Its shadow has a straight end, and its area equals the area of the shadow with the round end. The tower is
+    treated as if it had no lower end.
 
     Parameters are as in `project`. `base` is the vector from the centre of the test mirror to the foot of the tower.
-    The rectangle begins `low` below this centre, and `tower` contains radius and top. [m]
+    The rectangle begins `low` below this centre, and `tower` contains the radius and top height of the tower. [m]
     """
     o, found, behind = m * IMAGE, np.int64(0), np.int64(0)
     half, front = 0.5 * (base[2] + tower[1] + low), 0.25 * math.pi * tower[0]
     for k in range(lanes):
         d = load(directions, 0, k)
         level = math.sqrt(d[0] * d[0] + d[1] * d[1])
-        scale = 1.0 / level if level > 0.0 else 0.0  # no shadow at the zenith
+        scale = 1.0 / level if level > 0.0 else 0.0  # no shadow if the sun is at the zenith
         east, north = scale * d[0], scale * d[1]
         c = base[0] - front * east, base[1] - front * north, half - low
         a, b = (tower[0] * north, -tower[0] * east, 0.0), (0.0, 0.0, half)
@@ -347,7 +348,7 @@ def project_tower(
 
 @inner
 def _project_along_u(images, o, views, frames, f, directions, way, apart, start, stop):
-    """Write the x coordinates of an image in a run of lanes; return lanes in which it overlaps the square along u."""
+    """Write the x coordinates of an image in a run of lanes; return the lanes in which it overlaps the square."""
     hits, nearest = np.int64(0), 0.0 if apart else -np.inf
     for k in range(start, stop):
         u = load(views, 0, k)
@@ -365,7 +366,7 @@ def _project_along_u(images, o, views, frames, f, directions, way, apart, start,
 
 @inner
 def _measure(images, o, some, lanes):
-    """Write the areas of an image on the square in the lanes `some`, 0 in others; return lanes with a positive area."""
+    """Write an image's area within the square in the lanes `some`, else 0; return the lanes with a positive area."""
     found = np.int64(0)
     for k in range(lanes):
         put(images, o + AREA, k, 0.0)
@@ -392,7 +393,7 @@ def _measure(images, o, some, lanes):
 
 @inner
 def _heights(images, o, frames, f, test, way, some, lanes):
-    """Write the heights of a near mirror above the test plane in lanes that this plane cuts; return these lanes."""
+    """Write a near mirror's heights above the test plane; return the lanes in which this plane cuts the mirror."""
     behind = np.int64(0)
     for k in range(lanes):
         normal = cross(load(frames, test, k), load(frames, test + 3 * ROW, k))
@@ -431,26 +432,26 @@ def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
     return corners
 
 
-#: Area below which an image is omitted from unions. Such an image is no wider than rounding errors, and its corners may
-#: be out of order.
+#: Area below which an image is omitted from unions.
+#: Such an image is no wider than rounding errors, and its corners may be out of order.
 _NOTHING = 1e-14
-#: Offsets of two rows from the row of shaded areas: blocked areas, and shaded or blocked areas.
+#: Offsets of the rows of blocked areas, and of shaded or blocked areas, from the row of shaded areas.
 _BLOCK, _BOTH = ROW, 2 * ROW
 
 
 class Room(NamedTuple):
     """Scratch arrays for the unions of images."""
 
-    #: Lanes in which two images overlap, shape (count, count).
+    #: Lanes in which each pair of images overlaps, shape (count, count).
     met: Integers
-    #: Common areas of two images, one row of lanes.
+    #: Common area of two images in each lane.
     shared: Floats
-    #: Numbers of the images of one lane, their numbers of corners, and the corners.
+    #: Indices of the images in one lane, number of corners of each image, and coordinates of the corners.
     names: Integers
     corners: Integers
     polygons: Floats
-    #: Pieces of the square outside the images of one lane. Each image may add 5 corners to a piece. Only the memory
-    #: pages in use occupy memory.
+    #: Pieces of the square outside the images in one lane; each image may add 5 corners to a piece.
+    #: The array occupies memory only where it is written.
     pieces: Floats
     open: Floats
 
@@ -465,14 +466,14 @@ def room_for(count: int) -> Room:
 
 @inner
 def unions(images: Images, shading: int, count: int, total: Floats, room: Room, lanes: int) -> None:
-    """Compute the exact areas of the unions of images in each lane, on the square of area 4.
+    """Compute the exact area of the union of images in each lane, on the square of area 4.
 
     The first `shading` of `count` images shade, the others block. The function writes the shaded, blocked, and shaded
-    or blocked areas to the rows of `total`, shape (3 * ROW,). `room` is scratch for at least `count` images, and
-    `lanes` is a multiple of `vectors.GROUP`.
+    or blocked areas to the rows of `total`, shape (3 * ROW,). `room` contains scratch arrays for at least `count`
+    images, and `lanes` is a multiple of `vectors.GROUP`.
 
-    Rounding errors are about 1e-14. They grow to 2e-12 if images are a thousand times as large as the mirror, within 1
-    mrad of grazing incidence.
+    Rounding errors are about 1e-14. Within 1 mrad of grazing incidence, rounding errors increase to 2e-12 if images are
+    1000 times as large as the mirror.
     """
     one = two = four = general = np.int64(0)
     for k in range(lanes):
@@ -503,7 +504,7 @@ def _add(total, row, areas, at, factor, some, lanes):
 
 @inner
 def _overlapping(images, n, m, some, lanes):
-    """Return lanes in which parallelograms n and m overlap, by separating axes, and both areas exceed rounding."""
+    """Return the lanes in which images n and m overlap (by separating axes) and both areas exceed rounding errors."""
     found, one, other = np.int64(0), n * IMAGE, m * IMAGE
     start, stop = next_run(0, some, lanes)
     while start < stop:
@@ -525,7 +526,7 @@ def _overlapping(images, n, m, some, lanes):
             gap = larger(abs(cx * ay - cy * ax) - ab - ap - aq, abs(cx * by - cy * bx) - ab - bp - bq)
             gap = larger(gap, abs(cx * py - cy * px) - pq - ap - bp)
             gap = larger(gap, abs(cx * qy - cy * qx) - pq - aq - bq)
-            # images closer than 1e-3 count as overlapping: edges that touch may tie
+            # images closer than 1e-3 count as overlapping, because their edges may coincide
             least = smaller(get(images, one + AREA, k), get(images, other + AREA, k))
             found |= np.int64((gap < 1e-3) & (least > _NOTHING)) << k
         start, stop = next_run(stop, some, lanes)
@@ -534,7 +535,8 @@ def _overlapping(images, n, m, some, lanes):
 
 @inner
 def _add_overlaps(images, some, shading, count, total, room, lanes):
-    """Subtract common areas of pairs and add common areas of triples; return lanes with ties or four common images."""
+    """Subtract common areas of pairs, add common areas of triples; return lanes with ties or four overlapping
+    images."""
     met, left = room.met, np.int64(0)
     for m in range(count):
         met[m, m] = 0
@@ -558,7 +560,7 @@ def _add_overlaps(images, some, shading, count, total, room, lanes):
 
 @inner
 def _add_triples(images, m, n, left, shading, count, total, room, lanes):
-    """Add common areas of two images and each earlier third image; return lanes with ties or four common images."""
+    """Add common areas of images m, n and each image before n; return lanes with ties or four overlapping images."""
     met = room.met
     for i in range(n):
         three = met[m, n] & met[m, i] & met[n, i] & ~left
@@ -608,16 +610,16 @@ def _subtract(images, shading, count, k, total, room):
     total[_BLOCK + k] = SQUARE - room.open[1]
 
 
-#: Limits of edge components perpendicular to a side of the square, of distances from the side, and of areas. Lanes
-#: below these limits use the other method.
+#: Minimum edge component perpendicular to a side of the square, minimum distance from the side, and minimum area.
+#: In lanes below these limits, images are subtracted from the square one by one.
 _ALONG, _NEXT, _THIN = 1e-3, 2e-3, 1e-6
 
 
 @inner
 def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lanes: int) -> tuple[np.int64, np.int64]:
-    """Write the common areas of the square and images m and n.
+    """Write the common area of the square and images m and n in each lane.
 
-    Returns the lanes that may be wrong, and the lanes that are not 0.
+    Returns the lanes in which the area may be wrong because edges nearly coincide, and the lanes with a positive area.
     """
     one, other, tied, found = m * IMAGE, n * IMAGE, np.int64(0), np.int64(0)
     start, stop = next_run(0, some, lanes)
@@ -687,13 +689,13 @@ def _turned(value):
 
 @inline
 def _crossings(side, p, r):
-    """Return the crossings of four edges with a side, from the inverse of their component."""
+    """Return the line parameters at which four edges cross a side, from the inverses `r` of their components."""
     return (side - p[0]) * r[0], (side - p[1]) * r[1], (side - p[2]) * r[2], (side - p[3]) * r[3]
 
 
 @inline
 def _between(a, b, c, d):
-    """Return the parts, from -1 to 1, of four lines between the crossings a and b, and between c and d."""
+    """Return the parts of four lines, within [-1, 1], that lie between crossings a and b and between c and d."""
     (low0, high0), (low1, high1) = _ends(a[0], b[0], c[0], d[0]), _ends(a[1], b[1], c[1], d[1])
     (low2, high2), (low3, high3) = _ends(a[2], b[2], c[2], d[2]), _ends(a[3], b[3], c[3], d[3])
     return (low0, low1, low2, low3), (high0, high1, high2, high3)
@@ -701,14 +703,14 @@ def _between(a, b, c, d):
 
 @inline
 def _ends(a, b, c, d):
-    """Return the part, from -1 to 1, of one line between the crossings a and b, and between c and d."""
+    """Return the part of a line, within [-1, 1], that lies between crossings a and b and between c and d."""
     low = unit(larger(smaller(a, b), smaller(c, d)))
     return low, larger(smaller(smaller(larger(a, b), larger(c, d)), 1.0), low)
 
 
 @inline
 def _parts(px, py, dx, dy, low, high, rise, run):
-    """Return Green's terms of parts of four lines p + t d."""
+    """Return the `edge_terms` of four lines p + t d from t = low to t = high."""
     return edge_terms(along(px, low, dx), along(py, low, dy), along(px, high, dx), along(py, high, dy), rise, run)
 
 
