@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +12,7 @@ from typing import Any, TypeAlias
 
 from heliosweep.config import Study, execution_keys, load_mapping, validated
 from heliosweep.config.load import load as load_file
-from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, load_extra, reason_of
+from heliosweep.errors import FORCE, HeliosweepError, Problem, RunInterrupted, StudyError, load_extra, log, reason_of
 from heliosweep.families.family import families, study_classes
 from heliosweep.families.lookup import Searched, family_of, family_of_result
 from heliosweep.files import remove_leftovers, user_path, write_whole
@@ -155,8 +154,6 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
         return named
     return result
 
-
-log = logging.getLogger("heliosweep")
 
 #: Source of a study: a study file, its content as a mapping, or a study to change.
 Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | Study

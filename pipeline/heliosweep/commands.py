@@ -18,15 +18,13 @@ from heliosweep import api
 from heliosweep.api import result_folder
 from heliosweep.config import OPTION, Study, execution_keys, settings
 from heliosweep.config.schema import json_schema
-from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, printable
+from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, log, printable
 from heliosweep.families.family import families
 from heliosweep.files import user_path, written_whole
 from heliosweep.runs.run import plan_text
 from heliosweep.share import guide
 from heliosweep.store.folder import OUTPUTS, sources_of, status_lines, target_file
 from heliosweep.store.read import check_digest, locate, verify
-
-log = logging.getLogger("heliosweep")
 
 #: Suffixes of the files that `_export` writes as tables.
 _TABLES = (".csv", ".xlsx")

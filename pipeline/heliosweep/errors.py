@@ -17,14 +17,12 @@ FORCE = "--force (force=True in Python)"
 #: Logger of the package.
 log = logging.getLogger("heliosweep")
 
-#: White space that is printed unchanged.
-_SPACE = frozenset("\n\t\u00a0\u2007\u2009\u202f")
-
 
 def printable(text: object) -> str:
     """Return text with its control characters escaped, because names and titles may contain any character."""
+    spaces = "\n\t\u00a0\u2007\u2009\u202f"  # shown unchanged
     return "".join(
-        letter if letter.isprintable() or letter in _SPACE else letter.encode("unicode_escape").decode("ascii")
+        letter if letter.isprintable() or letter in spaces else letter.encode("unicode_escape").decode("ascii")
         for letter in str(text)
     )
 

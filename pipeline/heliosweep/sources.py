@@ -14,8 +14,6 @@ _PACKAGE = Path(__file__).parent
 #: Folders and modules of the package that do not affect computed numbers.
 _OTHERS = {"report", "share", "store", "runs", "search"}
 _OTHERS |= {f"{name}.py" for name in ("__main__", "accessor", "api", "cli", "commands", "errors", "files")}
-#: Libraries that affect computed numbers, without xarray and dask, which only store these numbers.
-_LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "pillow", "tzdata")
 
 
 @cache
@@ -27,7 +25,9 @@ def code_versions(*modules: str) -> dict[str, str]:
         if package != _PACKAGE.name and (spec := importlib.util.find_spec(package)) and spec.origin:
             folders.add(Path(spec.origin).parent if spec.submodule_search_locations else Path(spec.origin))
     digest = source_digest(*sorted(folders))
-    return {"heliosweep": digest[:16], **{name: version_of(name) or "missing" for name in _LIBRARIES}}
+    # These libraries affect computed numbers, unlike xarray and dask, which only store them.
+    libraries = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "pillow", "tzdata")
+    return {"heliosweep": digest[:16], **{name: version_of(name) or "missing" for name in libraries}}
 
 
 def source_digest(*places: Path) -> str:

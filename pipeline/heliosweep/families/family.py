@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import pkgutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+from heliosweep.errors import log
 from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from heliosweep.report.figures import Figure
     from heliosweep.report.tables import Table
 
-
-log = logging.getLogger("heliosweep")
 
 #: Entry point group for families in other packages. The name of an entry point is the name of a family.
 GROUP = "heliosweep.families"

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -33,9 +33,7 @@ from heliosweep.layouts.resolve import LayoutAxis, longest
 from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
-    from heliosweep.families.family import Computation
-
-T = TypeVar("T")
+    from heliosweep.families.family import Computation, T
 
 HELIOSTAT, TIME = "heliostat", "time"
 
@@ -63,7 +61,7 @@ class Points:
         """Return an object that all points of the region share. The first call creates the object with `make`."""
         if name not in self._once:
             self._once[name] = make()
-        return cast(T, self._once[name])
+        return cast("T", self._once[name])
 
     def column(self, key: str) -> tuple[tuple[str, ...], np.ndarray | None]:
         """Return the dimensions along which a key varies, and its values over all swept dimensions (None if unset)."""

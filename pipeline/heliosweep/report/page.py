@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import logging
 import os
 import re
 import shlex
@@ -23,14 +22,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from heliosweep.config import Study
-from heliosweep.errors import HeliosweepError, Problem, StudyError
+from heliosweep.errors import HeliosweepError, Problem, StudyError, log
 from heliosweep.files import remove_leftovers, user_path, write_whole
 from heliosweep.report import comparison, tables
 from heliosweep.report.figures import MOST_FIGURES, Figure, default_figures, with_heat_map
 from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, read_manifest
 from heliosweep.store.read import locate
-
-log = logging.getLogger("heliosweep")
 
 PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
 #: Name of the file that lists the figures of a report. The next report removes only files in this list.

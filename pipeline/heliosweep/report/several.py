@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import os
 import string
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import HeliosweepError, log
 from heliosweep.files import user_path, write_whole
 from heliosweep.report import comparison
 from heliosweep.report.context import NOTHING, Context, is_quantity, printed, title_of, unit_of
@@ -26,8 +25,6 @@ from heliosweep.report.figures import HELIOSTAT, Curves, Figure, Maps, default_f
 from heliosweep.report.page import PAGE, embedded, render
 from heliosweep.report.tables import Column, Table, columns_of, ranges
 from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of, unfinished
-
-log = logging.getLogger("heliosweep")
 
 #: Dimension along which the results are joined.
 RESULT = "result"

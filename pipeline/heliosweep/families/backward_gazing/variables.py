@@ -210,8 +210,6 @@ MAPS = {
     ),
     **_SUN,
 }
-#: Maps for each heliostat of a field.
-FIELD_MAPS = {name: replace(MAPS[name], dims=(*_HOUR, *MAPS[name].dims)) for name in ("slope_x", "slope_y")}
 #: Additional variables if the study sets ``output: {raw_slopes: true}``, as in Figure 7 of the paper.
 RAW = {
     **_both("raw_slope_%", (*OF_METHOD, *PLANE), "estimated % slope of the mirror, with the defects", _WAVEFRONT),
@@ -355,7 +353,8 @@ def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
 
     If seeds are swept, the study of one simulated heliostat also has percentiles over the seeds.
     """
-    seeds, found = seed_dims(study), FIELD | (FIELD_MAPS if study.output.maps else {})
+    maps = {name: replace(MAPS[name], dims=(*_HOUR, *MAPS[name].dims)) for name in ("slope_x", "slope_y")}
+    seeds, found = seed_dims(study), FIELD | (maps if study.output.maps else {})
     if study.mode == "measured":
         found = MEASURED
     elif study.field is None:

@@ -90,7 +90,6 @@ _WHERE = {
     "y": f"{SIDES['y']} for an observer in the field who faces the receiver",
     "z": f"{SIDES['z']}, along the receiver's face",
 }
-_TOWARDS = {"y": "to the right", "z": "upwards"}
 #: Axis of the mount for each encoder angle.
 MOUNT_AXES = {"azimuth": "primary", "elevation": "secondary"}
 #: Variables whose best value is the minimum.
@@ -218,8 +217,8 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     for name, (meaning, *comments) in _SPOTS.items():
         dims = (*lead, "spot") if measured else each
         found |= {
-            name.format(side): quantity(dims, "m", f"{meaning}, {_TOWARDS[side]}", f"{where}; {comments[measured]}")
-            for side, where in _WHERE.items()
+            name.format(side): quantity(dims, "m", f"{meaning}, {towards}", f"{_WHERE[side]}; {comments[measured]}")
+            for side, towards in (("y", "to the right"), ("z", "upwards"))
         }
     return finished(study, found)
 

@@ -50,8 +50,6 @@ FARTHEST, LARGEST = 1e6, 720.0
 #: heliostat [1] (four times the value for a poor mount), and distance of a crossing from a detector array [m].
 FARTHEST_SPOT, FARTHEST_CROSSING = 0.2, 0.1
 
-#: Distance along an array below which two crossings at the common corner of two segments count as one. [m]
-CORNER = 1e-9
 WHOLE = re.compile(r"\s*[0-9]{1,9}\s*")
 
 
@@ -408,7 +406,8 @@ class Segments(NamedTuple):
         found = found.reshape(2, *lead, self.starts.size, self.most)
         for _ in range(2):
             found = np.take_along_axis(found, np.argsort(found[:1], axis=-1), -1)
-            found[0, ..., 1:][np.diff(found[0], axis=-1) < CORNER] = np.nan
+            # Two crossings at the common corner of two segments count as one.
+            found[0, ..., 1:][np.diff(found[0], axis=-1) < 1e-9] = np.nan
         return found[0], np.where(np.isnan(found[0]), np.nan, found[1])
 
     def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
