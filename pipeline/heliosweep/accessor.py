@@ -1,6 +1,6 @@
 """Accessor ``result.heliosweep`` of xarray data sets, for use in notebooks.
 
-The accessor is registered by `build` and `open_result`, or if heliosweep is imported after xarray.
+The accessor is registered by `build`, by `open_result`, or by the import of heliosweep after xarray.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Plots:
         variable : str
             Variable to draw.
         along : str
-            Dimension of numbers or times.
+            Dimension with numbers or times as values.
         **select
             Values of the other dimensions. At most one dimension may be omitted. The figure has one line for each
             value of the omitted dimension.
@@ -230,12 +230,12 @@ class HeliosweepAccessor:
         Parameters
         ----------
         published : path
-            CSV table, as in the key `report.published` of a study.
+            CSV table in the format of the key `report.published` of a study.
 
         Returns
         -------
         pandas.DataFrame
-            Table with one row for each number: computed value, difference and verdict.
+            Table with one row for each published number, and columns for computed value, difference and verdict.
 
         Raises
         ------

@@ -58,7 +58,7 @@ class Aims(NamedTuple):
     bound: float
     #: Flux in each cell.
     load: Floats
-    #: Power gained per unit of the limit of each cell.
+    #: Power gained per unit of the flux limit in each cell.
     price: Floats
 
 
@@ -145,7 +145,7 @@ def choose_aims(
         return total / mean + scaled.sum(), 1.0 - loads.sum(axis=0) / limit
 
     with ThreadPoolExecutor(threads or processors()) as pool:
-        for smoothing in (3e-3, 3e-4, 3e-5, 3e-6, 3e-7):  # width relative to the mean power of a heliostat
+        for smoothing in (3e-3, 3e-4, 3e-5, 3e-6, 3e-7):  # smoothing relative to the mean power of a heliostat
             options = {"maxiter": 1000, "maxcor": 20, "ftol": smoothing * 0.5 * gap, "gtol": 1e-8}
             bounds, last = [(0.0, None)] * limit.size, bound
             scaled = minimize(smooth, scaled, (smoothing * mean,), "L-BFGS-B", True, bounds=bounds, options=options).x
@@ -178,7 +178,7 @@ def _total(power: Floats, choice: Integers) -> float:
 def _rounded(
     power: Floats, net: Floats, images: tuple[Any, ...], limit: Floats, share: Floats, load: Floats, penalty: float
 ) -> Integers:
-    """Return a choice within the limits, from the shares of the aim points, their flux and their net power."""
+    """Return a choice within the limits from the shares, the flux and the net power of the aim points."""
     choice = np.full(power.shape[1], -1)
     order = np.argsort(-share.max(axis=0), kind="stable")
     kernel.choose(order, net, images, limit, penalty, share, load, choice)
@@ -355,7 +355,7 @@ def limited_aims(
     whole, free = float(power.max(axis=0).sum()), _load(flux, power.argmax(axis=0))  # power and flux without a limit
     found = choose_aims(power, flux, most, gap=gap, threads=threads)
     choice, least, reduced = found.choice, np.inf, most
-    penalty = 10.0 * power.max(axis=0).mean()  # per overload, because only few heliostats move
+    penalty = 10.0 * power.max(axis=0).mean()  # high, because few heliostats change their aim points
     for _ in range(6):
         place = np.where(choice[:, np.newaxis] < 0, np.nan, points[choice, np.arange(count)])
         fine = aim_images(
@@ -377,7 +377,7 @@ def limited_aims(
         choice = _rounded(power, power, _images(flux), reduced, shares, _load(flux, choice), penalty)
     choice, place, checked = kept
     output, maps = area * float(checked.sum()), (values.reshape(cells) for values in (checked, free, found.price))
-    bound = max(found.bound, output)  # the noise of the bound differs, because its rays differ
+    bound = max(found.bound, output)  # power and bound have different noise
     values = (
         choice, *place.T, *maps, *(1e-3 * np.array((output, whole, bound))), checked.max(), free.max(),
         *(max(1.0 - output / (best or np.nan), 0.0) for best in (whole, bound)), np.count_nonzero(choice < 0),
@@ -392,7 +392,7 @@ def flux_limited_aims(
     reflectivity: ArrayLike = 1.0, transmittance: ArrayLike = 1.0, rays: int = RAYS, seed: int = 0, gap: float = GAP,
     memory: float = 4e9, threads: int | None = None, **field: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Choose aim points and stowed heliostats for maximum power on the receiver under a flux limit.
+    """Aim or stow the heliostats of a field for maximum power on the receiver under a flux limit.
 
     The field is traced once for each aim point to compute the image of each heliostat. `choose_aims` selects the aim
     points.
@@ -408,7 +408,8 @@ def flux_limited_aims(
     rows, columns : int
         Numbers of rows and columns of aim points, which are the centres of equal cells of the receiver.
     azimuth_span : float
-        Range of the columns of aim points on a cylinder around the point nearest to the heliostat. [deg]
+        Angle over which the columns of aim points on a cylinder extend, centred at the point nearest to the heliostat.
+        [deg]
     aims : array, shape (A, 3) or (A, N, 3), optional
         Aim points that replace the rows and columns of aim points. [m]
     flux_map : (int, int)

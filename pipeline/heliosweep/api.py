@@ -690,7 +690,8 @@ def plant_electricity(
     Returns
     -------
     xarray.Dataset
-        Result of `tower_electricity` with local time, and `field_receiver_energy` and `field_heat` of the study [MWh].
+        Result of `tower_electricity` with local times, and the variables `field_receiver_energy` and `field_heat` of
+        the study [MWh].
 
     Raises
     ------

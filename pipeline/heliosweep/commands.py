@@ -78,7 +78,7 @@ def _execution(options: argparse.Namespace) -> dict[str, Any]:
     return execution_keys({name: getattr(options, name, None) for name in names}, "--")
 
 
-#: Result folder of a study that has been run, or the given folder.
+#: Function that returns the result folder of a study that has been run, or a given folder unchanged.
 _folder = partial(api.folder_of, there=True)
 
 

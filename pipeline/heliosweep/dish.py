@@ -251,7 +251,7 @@ def dish_intercept(
 def window_factors(
     model: str, windows: kernel.Windows, clip: bool, tilt: Floats, direction: Floats, tolerance: Floats, *errors: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Compute the tracking factors and tracking errors of mounts in windows of time.
+    """Compute the tracking factors and tracking errors of mounts in time windows.
 
     Parameters
     ----------
@@ -326,8 +326,8 @@ def _of_mounts(
 ) -> Any:  # fmt: skip
     """Call a function of mounts and of unit vectors to the sun, shape (T, 3).
 
-    The function returns the shape (..., T), or (..., 1) if `series` is False. The result is a DataArray if any argument
-    is a DataArray.
+    The function returns an array of shape (..., T), or (..., 1) if `series` is False. The result is a DataArray if any
+    argument is a DataArray.
     """
     if unknown := sorted(set(errors) - set(ERRORS)):
         raise ValueError(f"unknown error of a mount {unknown[0]!r}: use {', '.join(ERRORS)}")

@@ -1,7 +1,7 @@
 """Capital cost and levelized cost of heat of a tower plant, computed without a study file.
 
 The defaults are taken from the molten-salt tower of the System Advisor Model (SAM). Results are in the currency of the
-given costs; the default costs are in US dollars.
+input costs; the default costs are in US dollars.
 """
 
 from __future__ import annotations

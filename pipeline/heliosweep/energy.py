@@ -132,7 +132,7 @@ def error_budget(
     Parameters
     ----------
     undisturbed, actual : float or array, shape (...)
-        Energy without any cause of loss, and with all causes. [MWh]
+        Energy without any cause of loss, and energy with all causes. [MWh]
     alone : mapping of str to float or array, shape (...)
         Energy with each cause alone. [MWh]
     without : mapping of str to float or array, shape (...), optional
@@ -327,8 +327,8 @@ def annual_energy(
     hours : float or array, shape (T,)
         Length of the time interval of each instant. [h]
     efficiencies : mapping of str to float or array, shape (), (T,), (1, N) or (T, N)
-        Fraction of the light that remains after each stage, in the order in which light passes through the stages, such
-        as cosine, shading and blocking, reflection, attenuation and intercept. NaN is treated as 0. [1]
+        Fraction of the light that remains after each stage, in the order in which light passes through the stages.
+        Examples are cosine, shading and blocking, reflection, attenuation and intercept. NaN is treated as 0. [1]
     area : float or array, shape (N,)
         Mirror area of each heliostat. [m2]
     month : array of int, shape (T,), optional
@@ -339,8 +339,8 @@ def annual_energy(
     Returns
     -------
     xarray.Dataset
-        Variables `incident_energy` and `receiver_energy` of each heliostat; `loss` over ``stage``, of which the first
-        is 'stow'; `field_energy`; and `monthly_receiver_energy` if `month` is given. [MWh]
+        Variables `incident_energy` and `receiver_energy` of each heliostat; `loss` over ``stage``, with the first
+        stage 'stow'; `field_energy`; and `monthly_receiver_energy` if `month` is given. [MWh]
 
     Raises
     ------

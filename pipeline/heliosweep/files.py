@@ -1,4 +1,4 @@
-"""Functions that write files completely or not at all, lock of the NetCDF library, and number of processors."""
+"""Complete writing of files, names of files, the lock of the NetCDF library, and the number of processors."""
 
 from __future__ import annotations
 

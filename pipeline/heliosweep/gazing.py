@@ -83,7 +83,7 @@ def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLik
     Parameters
     ----------
     scene : Scene
-        From `gazing_scene`, with K cameras.
+        Scene of K cameras from `gazing_scene`.
     slope_x, slope_y : array or DataArray, shape (nz, ny)
         Horizontal and vertical slopes relative to the ideal mirror; NaN outside the mirror. [mrad]
     y, z : array, shape (ny,) and (nz,), optional
@@ -130,7 +130,7 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     Parameters
     ----------
     scene : Scene
-        From `gazing_scene`, with K cameras.
+        Scene of K cameras from `gazing_scene`.
     images : array or DataArray, shape (K, nz, ny)
         Brightness at points of the mirror relative to the centre of the sun; NaN for pixels to ignore. [1]
     y, z : array, shape (ny,) and (nz,), optional

@@ -239,7 +239,7 @@ def trace_field(
     dni : float or array, shape (T,)
         Direct normal irradiance of the flux map, at most 2000. [W m-2]
     threads : int, optional
-        Number of threads (default: all cores). Results do not depend on it.
+        Number of threads, which does not affect the results (default: all cores).
     device : {'cpu', 'cuda'}
         Processor that traces the rays; 'cuda' means an NVIDIA graphics processor and requires ``heliosweep[gpu]``.
     **field
@@ -387,7 +387,8 @@ def hflcal(
     The results are accurate to a few percent. The variance of the image has two parts. The first part is due to sun,
     slopes and specularity over the slant range D. The second part is due to astigmatism and is 1/32 of the sum of the
     squares of d (D / f - cos i) and d (D cos i / f - 1), where d is the square root of the mirror area, f the focal
-    length and i the angle of incidence. The image is widened by the cosine of incidence on the receiver.
+    length and i the angle of incidence. The variance is divided by the cosine of the angle of incidence on the
+    receiver.
 
     Parameters
     ----------

@@ -5,7 +5,8 @@ receiver through the aim point: y to the right for an observer in the field who 
 face [m].
 
 A mount has a primary axis and a secondary axis perpendicular to the primary axis. If the primary axis is vertical and
-has no errors, these are the azimuth and elevation axes. The errors of a mount in mrad, in the order of `ERRORS`:
+has no errors, these are the azimuth and elevation axes. The errors of a mount are listed in the order of `ERRORS`
+[mrad]:
 
 - ``azimuth_reference``: offset of the primary encoder's zero, positive clockwise as seen from the end of the axis;
 - ``elevation_reference``: offset of the secondary encoder's zero, positive up;

@@ -250,7 +250,7 @@ def _new_year(year: int) -> int:
 
 @lru_cache(maxsize=256)
 def _splines(year: int) -> NDArray[np.float64]:
-    """Return splines over the days of a year, in terrestrial time."""
+    """Return splines of the sun's direction and parallax over the days of a year in terrestrial time."""
     position = _spa().solar_position
     days = np.arange(_new_year(year) - MARGIN, _new_year(year + 1) + MARGIN + 1)
     unix = days * 86400.0

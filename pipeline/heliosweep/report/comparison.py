@@ -242,7 +242,7 @@ def _comparison(
     stated: tuple[str, str] = _WORDS[2:],
     line: int = 0,
 ) -> Comparison:
-    """Return a published number from the cells of its row. `stated` lists the columns of stated values."""
+    """Return a published number from the cells of its row. `stated` lists the columns with stated values."""
     where = {key: cell for key, cell in cells.items() if key not in {*_COLUMNS, *_STORED} and cell}
     decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
     words: Any = {key: cells.get(name, "") for key, name in zip(_WORDS, (*_WORDS[:2], *stated), strict=True)}
@@ -344,7 +344,7 @@ def comparison_csv(compared: Compared) -> str:
 
 
 def read_comparison(path: Path) -> Compared:
-    """Read the text of `comparison_csv` from a file. Raises StudyError if the file has a different format."""
+    """Read a comparison from a file in the format of `comparison_csv`. Raises StudyError for other formats."""
     lines = path.read_text(encoding="utf-8").splitlines()
     source = [line[1:].strip() for line in lines if line.startswith("#")]
     try:

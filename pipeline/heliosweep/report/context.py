@@ -1,4 +1,4 @@
-"""Selection of the values that figures and tables show, and their text with units."""
+"""Selection and formatting of the values that figures and tables show."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def latitude_text(value: float, ends: str = "NS") -> str:
 
 
 def value_texts(coordinate: xr.DataArray) -> list[str]:
-    """Return the values of a coordinate with their unit."""
+    """Return texts of the values of a coordinate with the unit."""
     values, name, kind = np.atleast_1d(coordinate.to_numpy()), coordinate.name, coordinate.dtype.kind
     if kind in "mM":
         dates = values.astype("datetime64[D]" if name == "date" else "datetime64[m]").astype(str)
@@ -140,7 +140,7 @@ def fold(text: str, most: int = LETTERS) -> str:
     return "\n".join(part for line in text.split("\n") for part in textwrap.wrap(line, most))
 
 
-#: Positions along some dimensions, by name.
+#: Position along each of several dimensions, by the name of the dimension.
 Point = Mapping[str, int]
 
 

@@ -30,7 +30,7 @@ STATISTICS = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "maximum": 1.0}
 
 @dataclass(frozen=True)
 class Figure:
-    """Declaration of a figure, which is the base class of all forms of figures.
+    """Base class of the declarations of figures.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Figure:
     notes : str
         Further sentences of the caption.
     looks : mapping of str to mapping
-        Properties of each line by its name, such as colour and dashes, as in matplotlib.
+        Matplotlib properties of each line, such as colour and dashes, by the name of the line.
     derive : callable, optional
         Function that returns the given data set with further variables.
     interactive, image : bool

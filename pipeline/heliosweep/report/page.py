@@ -216,7 +216,7 @@ def _pictures(
 
 
 def embedded(named: Any, picture: Any = None) -> dict[str, Any]:
-    """Return a figure in the form that templates embed. `picture` is the image of an already drawn figure."""
+    """Return a figure in the form that templates embed. The argument `picture` is the image if it exists."""
     from PIL.Image import Dither, Quantize
 
     from heliosweep.report.draw import pixels, png

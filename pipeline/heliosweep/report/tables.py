@@ -61,7 +61,7 @@ class Column:
     errors : sequence of float
         Standard errors, which are printed after the numbers.
     best : {"", "largest", "smallest"}
-        Extreme that is the best value of the column; empty if no value is the best.
+        Best value of the column, which is the largest or smallest number; empty if no value is the best.
     """
 
     title: str

@@ -234,7 +234,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
     folder : pathlib.Path
         Result folder, whose file system determines the free disk space.
     connect : bool
-        If True, connect to a scheduler whose address the study specifies, to read the number of workers.
+        If True, read the number of workers from the scheduler whose address the study specifies.
 
     Returns
     -------
@@ -303,7 +303,7 @@ def show_progress(
     """Show the progress of a run on `stream` (default: standard error).
 
     On a terminal, a single line is updated; on other streams, each update is a new line. The context manager yields a
-    function that must be called after each completed chunk. `done` chunks of `total` are already complete.
+    function that must be called after each completed chunk. Of `total` chunks, `done` chunks are already complete.
     """
     stream, start, before = stream or sys.stderr, time.monotonic(), done
     pause, last = TERMINAL_SECONDS if stream.isatty() else LINE_SECONDS, start
@@ -325,7 +325,7 @@ def show_progress(
 
 
 class Run:
-    """A run of a study in a result folder.
+    """Run of a study in a result folder.
 
     Parameters
     ----------

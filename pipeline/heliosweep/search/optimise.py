@@ -114,7 +114,7 @@ class Course:
         return [self._known[name] for name in names]
 
     def order(self, number: int) -> tuple[float, float]:
-        """Return violation and objective of an evaluation, by which evaluations for one objective are sorted."""
+        """Return violation and objective of an evaluation as the sort key for a single objective."""
         return self.missed[number], float(self.goals[number][0])
 
     def best(self, since: int = 0) -> int:
@@ -203,7 +203,7 @@ def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) 
 
 
 def _refine(course: Course, since: int) -> None:
-    """Refine the best point since the evaluation `since`, without changes of keys with integer values."""
+    """Refine the best point that was found since the evaluation `since`. Integer keys do not change."""
     space = course.space
     best = space.shares(course.points[course.best(since)])
     free = np.flatnonzero(~space.whole)

@@ -49,7 +49,7 @@ _OWN = {
 
 
 def missed_by(values: Mapping[str, np.ndarray], limits: Mapping[str, Any]) -> np.ndarray:
-    """Return the sum of the relative violations of the bounds; infinite for an evaluation without a value."""
+    """Return the sum of the relative violations of the bounds. Evaluations without a value have an infinite sum."""
     total = np.zeros(len(next(iter(values.values()))))
     for name, limit in limits.items():
         for bound, sign in ((limit.at_least, 1.0), (limit.at_most, -1.0)):
@@ -84,7 +84,7 @@ def goals_of(result: xr.Dataset) -> dict[str, bool]:
 
 
 def keys_of(result: xr.Dataset) -> dict[str, str]:
-    """Return the names of the coordinates of the searched keys by key."""
+    """Return the name of the coordinate of each searched key."""
     return {str(one.attrs["key"]): str(name) for name, one in result.coords.items() if "key" in one.attrs}
 
 

@@ -245,7 +245,7 @@ def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
 
 
 def placed(study: Study) -> dict[str, str]:
-    """Return the path of each input file in the archive, with its file name unchanged because it labels results.
+    """Return the path of each input file in the archive. File names do not change, because they label results.
 
     Raises
     ------

@@ -45,7 +45,7 @@ _KEYS = {
     "economics.sales_tax": ("sales_tax_rate", 125.0), "economics.fixed_charge_rate": ("fixed_charge_rate", 1.0),
     "economics.operation_cost": ("operation", 1.0),
 }  # fmt: skip
-#: Variables for the tables and maps of SAM, and the keys of a study that they need.
+#: Variables for the efficiency tables and flux maps of SAM, and the study keys that the variables need.
 FIELD = ["field_total_efficiency", "flux_map", "field_mirror_area"]
 OUTPUT = {"output.flux_map": {"columns": 20, "rows": 1}, "output.field_geometry": True}
 

@@ -250,7 +250,7 @@ def write_corrections(
 
 
 def write_paint_study(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Write a study for the calibration of the heliostats of a PAINT folder, with its layout and spots.
+    """Write a study for the calibration of heliostats from PAINT, with files of the layout and the spots.
 
     Parameters
     ----------
@@ -332,7 +332,7 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
 
 
 def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the changes of a study with `keep` or chosen aim points that remove all unused heliostats.
+    """Return the changes that remove unused heliostats from a study with `keep` or chosen aim points.
 
     Raises StudyError if the result has several fields, and `select` does not select one field.
     """

@@ -25,7 +25,7 @@ def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *
     Parameters
     ----------
     result : xarray.Dataset
-        Result of `open_result` or `build`, or a part of it.
+        Result of `open_result` or `build`, or a part of such a result.
     variables : str or sequence of str, optional
         Variables with equal dimensions (default: all variables, which must then have equal dimensions).
     units : bool

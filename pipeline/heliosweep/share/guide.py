@@ -147,7 +147,7 @@ def _read() -> list[tuple[str, Source]]:
 
 @cache
 def _variables(family: str) -> dict[str, Mapping[str, Any]]:
-    """Return the attributes of the variables in results of shipped studies by the name of the variable."""
+    """Return the attributes of each variable in the results of shipped studies."""
     studies = (
         load(shipped()[name], study_classes()) for name, source in _read() if source.data.get("family") == family
     )

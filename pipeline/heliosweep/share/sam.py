@@ -44,10 +44,10 @@ from heliosweep.store.folder import target_file
 TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
 
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
-#: Keys that are removed for directions of the sun, and their dimensions.
+#: Keys and dimensions of a study that given directions of the sun replace.
 _GONE = ("site.", "sites", "time.", "weather.", "limits.", "availability.", "economics.", "budget.")
 _SAME = 1e-9  # maximum difference between equal angles [deg]
-#: Variables for a table in order of preference, and their factors.
+#: Variables for an efficiency table in order of preference, and the factors that they include.
 _FACTORS = {
     "field_total_efficiency": "cosine, shading, blocking, reflection, attenuation and intercept",
     "field_optical_efficiency": "cosine, shading and blocking",
@@ -161,7 +161,7 @@ def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr
     Raises
     ------
     StudyError
-        As in `efficiency_table`, if no light reaches the receiver, or if a cylinder has an odd number of columns.
+        As in `efficiency_table`, or if no light reaches the receiver, or if a cylinder has an odd number of columns.
     """
     if "flux_map" not in result.data_vars:
         raise StudyError(Problem("the result has no flux map: add 'output: {flux_map: ...}' to the study"))

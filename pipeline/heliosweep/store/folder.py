@@ -170,7 +170,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """Create a result folder, and remove the folder if it remains empty. Raises StudyError if it is not writable."""
+    """Create a result folder, and remove it if it remains empty. Raises StudyError if the folder is not writable."""
     created: list[Path] = []
     try:
         try:
@@ -224,7 +224,7 @@ def page_head(page: Path) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Status:
-    """Status of the study of one result folder.
+    """Status of the study in a result folder.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ class Status:
 
 
 def status_of(folder: Path) -> Status:
-    """Return the status of a result folder. A damaged folder has a status and does not raise an exception."""
+    """Return the status of a result folder. No exception is raised if the folder is damaged."""
     try:
         running, store = is_locked(folder), unfinished(folder)
         if (folder / MANIFEST).exists() and not (running and store):
