@@ -1,4 +1,4 @@
-"""Complete writing of files, names of files, the lock of the NetCDF library, and the number of processors."""
+"""Reading and writing of files, paths given by users, lock of the NetCDF library, and number of processors."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
 """Encoder angles, spots, deviation curves and calibration of heliostat mounts, without a study file.
 
 Coordinates are x east, y north and z up [m]. Azimuths run clockwise from north [deg]. Spots lie on the plane of a flat
-receiver through the aim point: y to the right for an observer in the field who looks at the receiver, z up along its
-face [m].
+receiver through the aim point. The coordinate y of a spot points to the right for an observer in the field who looks at
+the receiver, and z points up along the face of the receiver [m].
 
 A mount has a primary axis and a secondary axis perpendicular to the primary axis. If the primary axis is vertical and
-has no errors, these are the azimuth and elevation axes. The errors of a mount are listed in the order of `ERRORS`
-[mrad]:
+the mount has no errors, the two axes are the azimuth and elevation axes. The errors of a mount, in the order of
+`ERRORS`, are [mrad]:
 
 - ``azimuth_reference``: offset of the primary encoder's zero, positive clockwise as seen from the end of the axis;
 - ``elevation_reference``: offset of the secondary encoder's zero, positive up;
