@@ -207,7 +207,7 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
     Parameters
     ----------
     study : Study, path or mapping
-        Study, or source as in `load`.
+        Study, or source of a study as in `load`.
     output : path, optional
         Result folder, whose file system determines the free disk space.
     timed : bool
@@ -242,7 +242,7 @@ def build(study: Source) -> xr.Dataset:
     Parameters
     ----------
     study : Study, path or mapping
-        Study, or source as in `load`.
+        Study, or source of a study as in `load`.
 
     Returns
     -------
@@ -289,7 +289,7 @@ def run(
     Parameters
     ----------
     study : Study, path or mapping
-        Study, or source as in `load`.
+        Study, or source of a study as in `load`.
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
     scheduler, workers, memory

@@ -295,7 +295,7 @@ def mirrors(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nd
 
 
 def areas(result: xr.Dataset) -> dict[str, list[np.ndarray]]:
-    """Return the corners of the areas of a field by name, each array of shape (corners, 2). [m]"""
+    """Return the corners of each named area of a field, as arrays of shape (corners, 2). [m]"""
     found, names = {}, {"boundary": "boundary", "exclude": "no heliostats"}
     for key, attribute in AREAS.items():
         if attribute in result.attrs:

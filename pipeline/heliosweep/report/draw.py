@@ -187,7 +187,7 @@ def panels(
     wide : bool
         If True, a single panel has the width of a page.
     **options
-        Options of `matplotlib.figure.Figure.subplots`, and the option `layout` of the figure.
+        Options of `matplotlib.figure.Figure.subplots`, and `layout`, the layout engine of the figure.
     """
     columns = min(columns, count)
     rows = -(-count // columns)

@@ -241,7 +241,7 @@ def is_joined(result: xr.Dataset, dim: str) -> bool:
 
 
 def prepared(result: xr.Dataset, figure: Figure) -> tuple[xr.Dataset, Figure | None]:
-    """Return the data set and the declaration that a figure shows.
+    """Return the data set and the declaration from which a figure is drawn.
 
     The data set contains the derived variables and the statistics over dimensions. The declaration contains only the
     variables that can be drawn, and is None if no variable can be drawn.

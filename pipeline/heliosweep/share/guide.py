@@ -124,7 +124,7 @@ def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force
             raise StudyError(Problem(f"heliosweep has no shipped study with this name; {hint}", name))
         home = known[name].parent
         for file in sources_of(load(known[name], study_classes())):
-            if file.is_relative_to(home):  # all other files belong to a package
+            if file.is_relative_to(home):  # files outside this folder are part of a package
                 wanted[file] = place / file.relative_to(home)
     for file, target in wanted.items():
         if target.exists() and (file.suffix == ".yaml" or target.read_bytes() != file.read_bytes()):
