@@ -39,8 +39,8 @@ from heliosweep.files import write_rows
 from heliosweep.share.fields import chosen, dimension_of
 from heliosweep.store.folder import target_file
 
-#: Rows for SAM's molten-salt power tower (``tower``), or a matrix for SAM's generic solar field (``generic``) or for
-#: SolarPILOT's Python interface (``solarpilot``).
+#: The form ``tower`` is rows for SAM's molten-salt power tower, and ``generic`` a matrix for SAM's generic solar field.
+#: The form ``solarpilot`` is a matrix in the format of SolarPILOT's Python interface.
 TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
 
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
