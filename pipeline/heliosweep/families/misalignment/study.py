@@ -715,8 +715,10 @@ class MisalignmentStudy(Study):
 
     def campaigns(self) -> dict[str, MeasuredSpots]:
         """Return the measured spots or crossings of each file, with sun vectors, by file name. Raises StudyError."""
-        site: Any = self.site or Site(latitude=0.0)
         key, names = self.table_of_spots() or ("", ())
+        if not names:  # a study without measured spots may sweep its layouts
+            return {}
+        site: Any = self.site or Site(latitude=0.0)
         block = (self.calibration if key == "calibration.spots" else None) or Calibration()
         columns = tuple(
             (name, one["from"], one.get("scale", 1.0), one.get("offset", 0.0))
