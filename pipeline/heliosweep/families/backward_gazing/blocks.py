@@ -110,7 +110,7 @@ class Heliostat(Block):
 
     @property
     def reach(self) -> float:
-        """Distance of the farthest corner of a module from the heliostat's centre. [m]"""
+        """Distance from the heliostat's centre to the farthest corner of its modules. [m]"""
         centre, size = self.rectangles
         return float(np.hypot(*(np.abs(centre) + 0.5 * size).T).max())
 
@@ -370,7 +370,7 @@ class HeliostatField(Block):
 
 
 class Output(StoredOutput):
-    """Stored variables and their format. These settings are not part of the study's identity."""
+    """Stored variables and their format. These settings do not change the identity of a study."""
 
     maps: Annotated[bool, Flag("Also store the images, the maps of the slopes and the sun's profile")] = False
     raw_slopes: Annotated[
@@ -383,7 +383,7 @@ def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
 
 
 class Metadata(Block):
-    """Metadata of an image. Values that are given in the study have priority."""
+    """Metadata of an image. Values in the study have priority over metadata."""
 
     FOCALPIX: Annotated[
         float | None, _said("Focal length of the camera divided by the side of a pixel", ge=10, le=1e7)

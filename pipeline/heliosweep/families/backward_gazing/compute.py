@@ -87,7 +87,7 @@ Values = dict[str, Any]
 
 
 class Failure(Exception):
-    """Raised if a point has no slopes; the argument is its scene_status."""
+    """Raised if a point has no slopes; the argument is the value of `scene_status`."""
 
 
 def values_of(point: Point, known: Mapping[str, float]) -> Values:
@@ -105,7 +105,7 @@ def values_of(point: Point, known: Mapping[str, float]) -> Values:
 
 
 def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) -> Scene:
-    """Return the scene of a point. Raises Failure if the scene is impossible.
+    """Return the positions of sun, heliostat and cameras at a point. Raises Failure if they are impossible.
 
     `positions` contains the positions of the cameras in the target's plane [m]. If `positions` is None, the arrangement
     in the study is used.
@@ -189,7 +189,7 @@ def sun_of(profile: Profile) -> dict[str, Any]:
 
 
 def by_axis(name: str, values: Floats, axis: int = 2, ends: Iterable[str] = "xy") -> dict[str, Floats]:
-    """Split an array along an axis into two variables; ``%`` in `name` is replaced by each of `ends`."""
+    """Split an array along an axis into one variable for each of `ends`, which replaces ``%`` in `name`."""
     return {name.replace("%", end): one for end, one in zip(ends, np.moveaxis(values, axis, 0), strict=True)}
 
 
@@ -381,7 +381,7 @@ class Simulation:
         return made | {"slant_range": np.sqrt(layout.x**2 + layout.y**2 + up**2)[span]}
 
     def _scene(self, point: Point, way: Floats, sun: Floats, number: tuple[int, int]) -> dict[str, Any]:
-        """Compute the variables of one heliostat at one hour. Seeds depend on the numbers of heliostat and hour."""
+        """Compute the variables of one heliostat at one hour. Random seeds depend on heliostat and hour."""
         if not sun[2] > 0.0:
             return {"scene_status": names.NO_SUN}
         (sun_azimuth, sun_elevation), (azimuth, elevation) = _direction(sun), _direction(way)

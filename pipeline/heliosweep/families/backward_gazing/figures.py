@@ -29,7 +29,7 @@ _TYPICAL = {
     HOUR: 12.0,
 }
 _OWN = (*PIXELS, METHOD, REFERENTIAL, MODULE, HELIOSTAT, HOUR, "camera", "disc_fraction", *SEEDS)
-#: Colour for each bit of `quality`, in order of severity.
+#: Colour for each bit of `quality`, from the most to the least severe.
 _COLOURS = {16: "#000000", 32: "#0072B2", 64: "#009E73", 1: "#CC79A7", 4: "#E69F00", 8: "#56B4E9", 2: "#D55E00"}
 _RANKS = dict(
     enumerate([(QUALITY[bit].replace("_", " "), _COLOURS[bit]) for bit in _COLOURS] + [("nothing doubtful", "#e8e4c9")])

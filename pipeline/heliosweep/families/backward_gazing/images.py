@@ -1,7 +1,7 @@
 """Read images of the heliostat or the sun, with camera data, grey levels and metadata.
 
-NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.Metadata`. They are
-stored as cards of a FITS header, as text chunks of a PNG file, or as lines ``KEY = value`` in a TIFF ImageDescription.
+NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.Metadata`. A file
+contains them as cards of a FITS header, text chunks of a PNG file, or lines ``KEY = value`` in a TIFF ImageDescription.
 Values in the study have priority over metadata. The first row of an image is its top row. FITS files store the bottom
 row first, unless the card ROWORDER is TOP-DOWN.
 
@@ -55,8 +55,8 @@ ANY_FOCAL = 1000.0
 REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
 #: Sample spacing along and across a side, and maximum distance between an offset and the fitted line. [pixels]
 ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
-#: Minimum brightness of a lit pixel relative to the sun, and maximum fraction of the outermost pixels that are brighter
-#: than half the sun. [1]
+#: Minimum brightness of a lit pixel relative to the sun's centre, and maximum fraction of the pixels at the image edge
+#: that are brighter than half the sun's centre. [1]
 LIT, MOST_CUT = 0.3, 0.05
 
 
@@ -68,8 +68,8 @@ class Picture(NamedTuple):
     levels : ndarray, shape (rows, columns)
         Grey levels with the top row first; NaN for invalid pixels. [levels]
     saturation : float
-        Minimum level of a saturated pixel. This is the maximum of the data type, unless the brightest pixel has the
-        maximum level of a sensor with fewer bits (for example a 12-bit sensor in a 16-bit file).
+        Minimum level of a saturated pixel. The default is the maximum of the data type. If the brightest pixel has the
+        maximum level of a sensor with 8, 10, 12, 14 or 16 bits, this maximum level is used.
     metadata : dict
         Metadata values of the file, for keys in `KEYS`.
     name : str
@@ -226,7 +226,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     corners : ndarray, shape (4, 4, 2)
         Marked corners (column, row), NaN if not marked.
     positions : tuple or None
-        Positions of the cameras in the target's plane; None if they follow from arrangement and radius. [m]
+        Positions of the cameras in the target's plane; None if arrangement and radius are used. [m]
     geometry : dict
         Values of study keys that are taken from the metadata.
     white, white_from : ndarray, shape (4,), and tuple of str
@@ -293,7 +293,7 @@ def bright_level(image: Floats) -> float:
 
 
 def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
-    """Return notes, and the sun profile from the sun image or table of a study, if any. Raises StudyError."""
+    """Return the sun profile from the sun image or table of a study (or None), and notes. Raises StudyError."""
     key, name, table = "sun.image", study.sun.image, study.sun.profile
     if name is None:
         return None if table is None else read_disc(study.resolve(table), table), []
@@ -321,7 +321,6 @@ def _stated(study: BackwardGazingStudy, key: str) -> Any:
 
 
 def _disc(study: BackwardGazingStudy, name: str) -> tuple[Picture, SunDisc]:
-    """Return the image of the sun, and the solar disc in the image. Raises StudyError."""
     picture = _read(study, "sun.image", name)
     saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
     try:
@@ -333,7 +332,7 @@ def _disc(study: BackwardGazingStudy, name: str) -> tuple[Picture, SunDisc]:
 
 
 def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
-    """Read the image that a study key names. Problems with the image refer to this key."""
+    """Read the image that a study key names, and assign any problems to this key."""
     try:
         return read_picture(study.resolve(name), name)
     except StudyError as error:
@@ -368,7 +367,7 @@ def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) ->
     stated, said = _stated(study, "white"), [one.metadata.get("WHITE") for one in pictures]
     known = stated is not None or None not in said or study.sun.image is None
     level = math.nan if known else _disc(study, str(study.sun.image))[1].level
-    # All cameras use the same level. Otherwise the brightest pixel of each camera would determine its scale.
+    # All cameras use one level. With separate levels, the brightest pixel of each camera would determine its scale.
     highest = max(bright_level(picture.levels) - each for picture, each in zip(pictures, dark, strict=True))
     pairs = [
         (stated, "study") if stated is not None else

@@ -127,7 +127,8 @@ _ESTIMATES = {
         "mean over the pixels that have slopes; A searches nothing",
     ),
 }
-#: Long name of the lower bound on the noise of a pixel's slopes. The value of a module is a root mean square.
+#: Long name of the lower bound on the noise of a pixel's slopes. The value of a module is the root mean square over its
+#: pixels.
 _BOUND = "minimum standard deviation of the % slopes of a pixel for these cameras"
 
 #: Variables of the sun.
@@ -210,7 +211,7 @@ MAPS = {
     ),
     **_SUN,
 }
-#: Additional variables if the study sets ``output: {raw_slopes: true}``, as in Figure 7 of the paper.
+#: Additional variables if the study sets ``output: {raw_slopes: true}``, as in Figure 7 of Defieux et al.
 RAW = {
     **_both("raw_slope_%", (*OF_METHOD, *PLANE), "estimated % slope of the mirror, with the defects", _WAVEFRONT),
     **_both(
@@ -261,7 +262,7 @@ REGISTERED = {
         ("camera",), "1", "root mean square distance of the modules' edges from their expected positions, in pixels"
     ),
 }
-#: Variables of measured images. Names that simulations also use have the same meaning.
+#: Variables of measured images. Variables that simulations also have keep their meaning.
 MEASURED = {
     **_ESTIMATES,
     **_SUN,

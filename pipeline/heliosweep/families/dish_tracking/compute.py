@@ -54,7 +54,7 @@ def _directed(study: DishTrackingStudy) -> bool:
 
 
 def variables(study: DishTrackingStudy) -> dict[str, Variable]:
-    """Return the variables of a study, including statistics if it has more than one direction or date."""
+    """Return the variables of a study, including statistics if the study has several directions or dates."""
     parameters, day, month = Parameters(study), f"{_FACTOR.replace('_', ' ')} of a day", f"{_DATES}mean (within months)"
     of, monthly = _FACTOR.replace("_", " "), f"monthly mean of the {_FACTOR.replace('_', ' ')}"
     mount = tuple(dim for dim in parameters.sizes if dim not in parameters.site_dims)
@@ -195,9 +195,8 @@ def _months(study: DishTrackingStudy) -> tuple[NDArray[Any], NDArray[np.int64]]:
 def factors(point: Point) -> dict[str, Any]:
     """Compute tracking factors, tracking errors and tolerable tilts at a point.
 
-    In a region of the time series, the result contains the tracking error and the solar position at each instant
-    instead. Tracking errors are NaN at instants that are not evaluated, and daily values on dates without an evaluated
-    instant.
+    For stored time series, the tracking error and the solar position at each instant are returned instead. Tracking
+    errors are NaN at instants that are not evaluated. Daily values are NaN on dates without an evaluated instant.
     """
     study, model = point.study, str(point["mount.model"])
     place = tuple(float(point[key] or 0.0) for key in _SITE)

@@ -107,14 +107,17 @@ class DishTime(CivilTime):
     daylight_only: Annotated[bool, Flag("True to evaluate only instants with the sun above the horizon")] = False
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the dates ascend, and the length of a wall-clock window if `sampling` is not inclusive."""
+        """Check that the dates ascend, and that a wall-clock window contains a whole number of steps.
+
+        With inclusive sampling, the number of steps is not checked.
+        """
         if not self.window.sunlit:
             yield from super().rules()
         if any(later <= earlier for earlier, later in itertools.pairwise(self.date_list())):
             yield Fault("must rise", ("dates",), show_value=False)
 
     def window_seconds(self) -> tuple[float, float, float]:
-        """Return the start and end of the window after midnight on the wall clock, and the step of instants. [s]"""
+        """Return the start and end of the window on the wall clock, counted from midnight, and the time step. [s]"""
         return (0.0, 86400.0, self.window.step * 3600) if self.window.sunlit else super().window_seconds()
 
 
@@ -239,7 +242,7 @@ class Ephemeris(Block):
 
 
 class Statistics(Block):
-    """Tolerable tilts that are solved for in addition to the grid."""
+    """Tolerable tilts, which are computed by root finding in addition to the grid."""
 
     required_factor: Annotated[
         Sweep,

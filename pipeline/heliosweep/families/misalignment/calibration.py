@@ -224,7 +224,10 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Add the variables of commands, prepend the dimension `sample` if errors are drawn, and define the best values."""
+    """Add the variables of commands and, if errors are drawn, the dimension `sample`.
+
+    Each variable also declares whether its best value is the minimum or the maximum.
+    """
     lead, each = ("sample",) if draw_count(study) else (), ("heliostat", *instant_sizes(study))
     nominal = pair("nominal_%", MOUNT_AXES, each, "degree", "commanded angle of the % axis without calibration")
     meaning = "corrected command of the % axis with the estimated errors"
@@ -320,7 +323,7 @@ def estimates(found: Fit, samples: int, what: str) -> Values:
 def rms(squares: Floats, counted: NDArray[np.bool_], coordinates: int = 1) -> Floats:
     """Return the root mean square per coordinate along the last axis, from the squares flagged in `counted`.
 
-    The result is NaN if no square is flagged.
+    The result is NaN if `counted` flags no square.
     """
     count = coordinates * np.count_nonzero(counted, axis=-1)
     total = np.sum(np.where(counted, squares, 0.0), axis=-1)
@@ -328,7 +331,7 @@ def rms(squares: Floats, counted: NDArray[np.bool_], coordinates: int = 1) -> Fl
 
 
 def known_errors(status: NDArray[np.int64], estimate: Floats) -> Floats:
-    """Return the errors that corrected commands use: the estimates, or NaN if there is no usable estimate."""
+    """Return the mount errors that corrected commands assume: the estimates, or NaN without a usable estimate."""
     return np.asarray(np.where(np.isin(status, KNOWN)[..., np.newaxis], np.nan_to_num(estimate), np.nan))
 
 

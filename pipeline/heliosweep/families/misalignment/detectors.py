@@ -207,7 +207,7 @@ class _Field(NamedTuple):
     def observed(self, angles: Floats, readings: Floats) -> Observed:
         """Convert detector readings to observations, shape (H K, T, M, ...).
 
-        Readings have the shape (H, K, T, 2, A, C), and commanded `angles` have the shape (H, K, T, 2).
+        Readings have the shape (H, K, T, 2, A, C) [m]. The commanded `angles` have the shape (H, K, T, 2) [rad].
         """
         shape = readings.shape
         plane, along = self.segments.points(readings)
@@ -260,7 +260,7 @@ class _Field(NamedTuple):
     def estimate(self, observed: Observed) -> tuple[Fit, Values]:
         """Fit the mount errors to all crossings of each heliostat and draw.
 
-        Return the fit, and its variables of shape (H, K, ...).
+        Return the fit, and the variables of the estimates, shape (H, K, ...).
         """
         draws = len(observed.sun) // max(1, len(self.mounts.frames))
         every = np.repeat(np.arange(len(self.mounts.frames)), draws)
@@ -272,7 +272,7 @@ class _Field(NamedTuple):
     ) -> Values:
         """Run the closed loop for mounts with the errors `actual`, shape (H, K, 6). [rad]
 
-        Return variables of shape (H, K, ...).
+        The returned variables have the shape (H, K, ...).
         """
         count, draws, _ = actual.shape
         by_instant, actual = settings["correction"] == "instant", actual[:, :, np.newaxis]

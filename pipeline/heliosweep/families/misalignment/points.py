@@ -29,12 +29,11 @@ from heliosweep.mounts import KINDS, mounts_of
 NO_HELIOSTAT = -1
 #: Directions of the axes in the receiver's plane.
 SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
-#: Random streams for the noise of synthetic spots along y and z. The mount errors use the streams 0, 1, ... in the
-#: order of `ERRORS`.
+#: Random streams for the noise of synthetic spots along y and z. Mount error i of `ERRORS` uses stream i.
 NOISE_STREAMS = (100, 101)
 #: Maximum number of noise values in one draw, limited by the counter of the random number generator.
 MOST_NUMBERS = 2**24
-#: Keys that have a single value in each group of points. A group is computed in one call.
+#: Keys that have a single value in each group of points that is computed in one call.
 APART = ("sun.azimuth", "sun.elevation", "heliostats.pivot_height")
 #: Keys that label a result even if they are not swept.
 _LABELS = (
@@ -98,7 +97,7 @@ def _universal_times(study: MisalignmentStudy) -> dict[str, Any]:
 def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
     """Return the universal time of each wall-clock hour on each date, shape (dates, hours).
 
-    Hours that are skipped by a clock change are NaT. If an hour occurs twice, its first occurrence is used. Time zones
+    Hours that a clock change skips are NaT. If an hour occurs twice, its first occurrence is used. Time zones
     are offsets such as ``+08:00`` or IANA names.
     """
     zone, seconds = parse_timezone(timezone), _wall_seconds(time).tolist()
@@ -149,8 +148,8 @@ class Positions(LayoutAxis):
 def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None, given: Any = None) -> NDArray[Any]:
     """Return the values of a key at the points of a group; 0 if the key has no value.
 
-    `shape` is the number of values to return along each dimension of the group (default: all). If `given` is not None,
-    `given` replaces the values of the key.
+    `shape` is the number of values to return along each dimension of the group (default: all). A value `given` other
+    than None replaces the values of the key.
     """
     values = [value for value in (given, point[key], 0.0) if value is not None]
     return np.broadcast_to(values[0], point.group)[tuple(map(slice, shape or point.group))].ravel()
@@ -208,7 +207,7 @@ def coded(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], co
 
 
 def numbered(count: int, meaning: str) -> tuple[NDArray[np.int64], dict[str, str]]:
-    """Return the labels 0, 1, ... of a dimension and their attributes."""
+    """Return the labels of a dimension, integers counted from 0, and their attributes."""
     return np.arange(count), {"long_name": meaning, "units": "1"}
 
 
@@ -241,7 +240,7 @@ def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[n
         yield mean + spread * deviates
 
 
-#: Function `standard_deviates` with a cache, because consecutive points use equal deviates.
+#: Cached version of `standard_deviates`, because consecutive points use equal deviates.
 _deviates = lru_cache(maxsize=2)(standard_deviates)
 
 

@@ -1,4 +1,4 @@
-"""Figures, tables and warnings for results, following Optics Express 27 (8), A257 (2019)."""
+"""Figures, tables and warnings for results of any mode, based on Optics Express 27 (8), A257 (2019)."""
 
 from __future__ import annotations
 
@@ -410,8 +410,8 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
 
 #: Maximum number of spots or heliostats that a warning lists.
 _LISTED = 6
-#: Warning for each flag code. {count} is replaced by the number of cases and the total number, {what} by "spots" or
-#: "crossings", and {least} by the mount error that is determined least accurately.
+#: Warning for each flag code. The placeholder {count} is the number of cases with the total number. {what} is "spots"
+#: or "crossings", and {least} is the mount error that is determined least accurately.
 _FLAGS = {
     "detector_status": {
         NO_ELEVATION: "at {count} instants the elevation trace crosses no array",
@@ -504,7 +504,7 @@ def _of_commands(result: xr.Dataset) -> Remarks:
 def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingProxyType({})) -> Remarks:
     """Yield a warning for each code that occurs in a flag variable.
 
-    `less` contains numbers that are subtracted from the counts of codes.
+    `less` contains the number of cases to subtract from the count of each code.
     """
     status = result[name].to_numpy()
     for code, words in _FLAGS[name].items():

@@ -182,7 +182,7 @@ class MeasuredSpots:
         return table[numbers]
 
     def held_out(self, given: int | tuple[str, ...] | None) -> NDArray[np.bool_]:
-        """Return True for each held-out spot, shape (S,).
+        """Return a flag for each spot, True if the spot is held out, shape (S,).
 
         `given` contains the names of the held-out spots, or their number for each heliostat. A number selects the
         latest spots, or the last spots in the file if the spots have no times.
@@ -195,7 +195,7 @@ class MeasuredSpots:
         return last <= given
 
     def problems(self, rows: NDArray[np.int64], messages: Sequence[str]) -> list[Problem]:
-        """Return the problems of rows, each with its message and the line of the row in the file."""
+        """Return one problem for each message, with the line number of its row in the file."""
         lines = self.lines[rows].tolist()
         found = (Problem(text, "", self.name, line) for text, line in zip(messages, lines, strict=False))
         return listed(found, MAX_LISTED, rows.size) if rows.size else []
@@ -398,7 +398,7 @@ class Segments(NamedTuple):
     def by_array(self, places: Floats, angles: Floats) -> tuple[Floats, Floats]:
         """Convert positions on segments, shape (..., S, 2), to ascending positions along arrays, shape (..., A, C).
 
-        The angles are sorted like the positions.
+        The angles are sorted in the order of the positions.
         """
         lead, within = places.shape[:-2], np.arange(self.array.size) - self.starts[self.array]
         found = np.full((2, *lead, self.starts.size, self.most // 2, 2), np.nan)
@@ -459,7 +459,7 @@ def segments_of(block: Any) -> Segments:
 
 
 def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
-    """Yield problems and warnings about measured spots or crossings, and about keys that conflict with them."""
+    """Yield problems and warnings about measured spots or crossings, and about conflicting keys of the study."""
     if (table := study.table_of_spots()) is None:
         return
     key, what = table[0], "crossings" if table[0] == "detectors.crossings" else "spots"

@@ -322,7 +322,7 @@ class DetectorArray(Block):
 
 
 class Detectors(Block):
-    """Detectors on the receiver's plane, and settings for the use of their measurements."""
+    """Detectors on the receiver's plane, and settings for estimates from their readings."""
 
     lines: Annotated[
         tuple[Triple, ...] | None,
@@ -424,7 +424,7 @@ class HeldOut(Parameter):
     """Number of held-out spots, or a list of their names."""
 
     def read(self, raw: Any) -> int | tuple[str, ...]:
-        """Return the number or the names. Raises Invalid."""
+        """Return the number of held-out spots, or their names. Raises Invalid."""
         if isinstance(raw, str):
             raise Invalid("must be a number of spots, or a list of names in the column 'spot'")
         if isinstance(raw, list | tuple):
@@ -741,7 +741,7 @@ class MisalignmentStudy(Study):
 
 
 def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
-    """Check that the sun rises at one site at least. Sites without a sunrise have no spots."""
+    """Check that the sun rises at one or more sites. Sites without a sunrise have no spots."""
     missing = list(civil_clock_problems(study)) if isinstance(study.time, CivilTime) else []
     return missing or (dark_places(study, "it has no spots (NaN)") if study.time else ())
 
