@@ -1,7 +1,8 @@
 """Choose aim points under flux limits: the smoothed dual function, and choices for one heliostat at a time.
 
 The images form a CSR matrix, stored as a tuple: first entry of each row, cells, flux. Row a * N + i is the image of
-heliostat i with aim a. A choice contains the number of the aim of each heliostat, or -1 if the heliostat is stowed.
+heliostat i with aim a. A choice contains the index of the aim chosen for each heliostat, or -1 if the heliostat is
+stowed.
 """
 
 import math
@@ -10,9 +11,9 @@ import numpy as np
 
 from heliosweep.kernels.compiled import inline, kernel
 
-#: Minimum share at which the image of an aim is included.
+#: Share of an aim at or below which the image of the aim is omitted.
 _SHARE = 1e-9
-#: Maximum excess of the flux in a cell, relative to the limit.
+#: Tolerated excess of the flux in a cell over the limit, relative to the limit.
 EXCESS = 1e-12
 
 
@@ -25,9 +26,9 @@ def _add(load, images, row, factor):
 
 @kernel
 def smooth_dual(start, stop, power, images, price, width, load, share):
-    """Return the sum of the smoothed maxima of the net power of heliostats start..stop.
+    """Return the smoothed maximum of the net power over all aims, summed over heliostats start..stop.
 
-    The function also writes the share of each aim and adds the flux of these shares to `load`.
+    The function also writes the share of each aim, and adds the flux of each image times its share to `load`.
     """
     first, cells, flux = images
     aims, count = power.shape
@@ -53,7 +54,7 @@ def smooth_dual(start, stop, power, images, price, width, load, share):
 
 @kernel
 def net_powers(power, images, price):
-    """Return, for each aim and heliostat, the power minus the price of the flux."""
+    """Return the power of each image minus the price of its flux, for each aim and heliostat."""
     first, cells, flux = images
     net = power.copy().reshape(-1)
     for row in range(power.size):
@@ -64,7 +65,7 @@ def net_powers(power, images, price):
 
 @kernel
 def brightest(images, limit):
-    """Return, for each image, the maximum ratio of the flux in a cell to the limit of the cell."""
+    """Return the maximum ratio of flux to limit over the cells of each image."""
     first, cells, flux = images
     found = np.zeros(first.size - 1)
     for row in range(found.size):
@@ -75,11 +76,11 @@ def brightest(images, limit):
 
 @kernel
 def choose(order, power, images, limit, penalty, share, load, choice):
-    """Choose an aim for each heliostat in turn, by the power minus `penalty` times the added overload.
+    """Choose for each heliostat in turn the aim of maximum power minus `penalty` times the added overload.
 
-    An overload is the flux in a cell above its limit, divided by the limit. Initially, `load` is the flux for the
-    shares of the aims. At the end, it is the flux of the choice, in which each chosen aim has the share 1. Returns True
-    if a choice changes.
+    An overload is the flux in a cell above its limit, divided by the limit. Initially, `load` contains the flux for the
+    shares of the aims. At the end, `load` contains the flux of the chosen aims. Each chosen aim then has the share 1.
+    Returns True if the choice of a heliostat changes.
     """
     first, cells, flux = images
     aims, count = power.shape

@@ -8,9 +8,9 @@ estimates the first 2, 4 or 6 errors of `mounts.ERRORS` by minimising
 
 where the weights w_i are divided by their mean. The loss rho(u) is u (squared), u up to 1 and 2 sqrt(u) - 1 beyond
 (Huber), or log(1 + u) (Cauchy). The loss of a spot depends on its distance, not on each coordinate separately. The
-Levenberg-Marquardt steps use iteratively reweighted rows [1]_. After `PATIENCE` steps, they use the second derivative
-of the cost. The Cauchy loss may have several minima, so its fit starts from the solution for the Huber loss. All other
-fits start from zero.
+Levenberg-Marquardt steps use iteratively reweighted rows of the Jacobian [1]_. After `PATIENCE` steps, the method uses
+the second derivative of the cost. The Cauchy loss may have several minima, so its fit starts from the solution for the
+Huber loss. All other fits start from zero.
 
 Derivatives: an error rotates the mirror about an axis w. A unit vector a of the mirror (the normal n for spots, the
 axis of the reflecting cylinder for crossings) moves by w x a, and the mirror centre p by w x arm, where arm is the
@@ -22,8 +22,8 @@ Spots: the ray R = 2 (s.n) n - s meets the plane at y = Y.(p + l R). The derivat
 g_a = v = 2 l ((u.n) s + (s.n) u); the derivatives of z are analogous. Crossings: `traces` defines F; the error of a
 position is F / F', where F' is the derivative of F along the array.
 
-The covariance is Huber's for M-estimators [2]_, section 7.6, applied to residuals in the plane. With the influence psi
-= rho'(.) r and the eigenvalues a (across r) and b (along r) of its derivative, it is
+The covariance follows Huber's formula for M-estimators [2]_, section 7.6, applied to residuals in the plane. With the
+influence psi = rho'(.) r and the eigenvalues a (across r) and b (along r) of its derivative, the covariance is
 
     C = k^2 [sum |psi|^2 / (d n - p)] / mean(a, b)^2 (J^T W J)^-1,    k = 1 + p / (d n) var(a, b) / mean(a, b)^2,
 
@@ -54,7 +54,7 @@ from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 #: estimate has no covariance. `NO_OBSERVATIONS`: There is no usable observation; no errors are estimated.
 ESTIMATED, TOO_FEW, INDISTINCT, NOT_CONVERGED, DEPENDENT, EXACT, NO_OBSERVATIONS = range(7)
 
-#: Number of steps with first derivatives before second derivatives are used.
+#: Number of steps that use only first derivatives. Later steps use second derivatives.
 PATIENCE = 12
 #: Rounding error of a prediction, relative to the distance between mirror and receiver.
 ROUNDING = 4e-16
@@ -64,8 +64,8 @@ SQUARED, HUBER, CAUCHY = 0, 1, 2
 #: Codes of the traces: cylinder along the elevation axis, and cylinder up the slope of the mirror.
 TRACE_ELEVATION, TRACE_AZIMUTH = 0, 1
 
-#: Condition number above which a calibration is doubtful, by the number of errors. Spots measured over several hours
-#: give a condition number of about 10 for four errors and several hundred for six errors.
+#: Condition number above which a calibration is doubtful, for 2, 4 and 6 estimated errors. Spots measured over several
+#: hours give a condition number of about 10 for four errors and several hundred for six errors.
 CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
 
 
@@ -79,8 +79,8 @@ class Observed(NamedTuple):
     #: Coordinates y, z of spots on the plane of the receiver, shape (N, M, 2), or positions of crossings relative to
     #: the aim point in the world frame, shape (N, M, 3). Missing observations are NaN. [m]
     position: Floats
-    #: Inverse variances in any unit, shape (N, M). Only their ratios within a mount matter. Observations of weight 0
-    #: are predicted but not used. [1]
+    #: Inverse variances in any unit, shape (N, M). Only the ratios of the weights within a mount matter. Observations
+    #: of weight 0 are predicted but not fitted. [1]
     weight: Floats
     #: Trace of each crossing, `TRACE_ELEVATION` or `TRACE_AZIMUTH`, shape (N, M).
     trace: Integers | None = None
@@ -95,7 +95,7 @@ class Fit(NamedTuple):
     estimate: Floats
     #: (J^T W J)^-1, shape (N, 6, 6). The covariance is this matrix times `variance`. [rad2/m2]
     inverse: Floats
-    #: Variance of a coordinate of mean weight, shape (N,); NaN if there are no degrees of freedom. [m2]
+    #: Variance of an observed coordinate of mean weight, shape (N,); NaN if there are no degrees of freedom. [m2]
     variance: Floats
     #: Condition number of the weighted Jacobian at the estimate, shape (N,); infinite if `DEPENDENT`. [1]
     condition: Floats
@@ -108,7 +108,7 @@ class Fit(NamedTuple):
     #: True for observations that are used, shape (N, M): they have a positive weight, a measured value, and a
     #: prediction for the mount without errors.
     counted: NDArray[np.bool_]
-    #: Codes from `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,).
+    #: Status codes, from `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,).
     status: Integers
     #: Index of the error with the largest component in the direction with the largest variance, shape (N,); -1 if there
     #: are too few observations.
@@ -116,7 +116,7 @@ class Fit(NamedTuple):
 
     @property
     def used(self) -> Integers:
-        """Number of observations used, shape (N,)."""
+        """Number of observations that the fit of each mount uses, shape (N,)."""
         return np.count_nonzero(self.counted, axis=1)
 
     @property
@@ -153,7 +153,7 @@ def fit(
     condition_limit : float, optional
         Condition number above which an estimate is `INDISTINCT` (default: `CONDITION_LIMITS`). [1]
     spread : float
-        Standard deviation of a coordinate of mean weight; if 0, it is estimated from the residuals. [m]
+        Standard deviation of an observed coordinate of mean weight; if 0, it is estimated from the residuals. [m]
 
     Returns
     -------
@@ -161,7 +161,7 @@ def fit(
     """
     limit = CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit
     count, spots = observed.weight.shape
-    step, found = max(1, 20_000 // max(1, spots)), []  # observations of a batch, to limit memory
+    step, found = max(1, 20_000 // max(1, spots)), []  # mounts of a batch, to limit memory
     with np.errstate(all="ignore"):
         for first in range(0, max(count, 1), step):
             part = slice(first, first + step)
@@ -183,7 +183,7 @@ class _Problem:
             columns += [observed.along, observed.trace[..., np.newaxis]]
         self.seen = np.ascontiguousarray(np.concatenate(columns, axis=-1))
         self.start, _, sines = self.predicted(np.arange(len(angles)), np.zeros((len(angles), len(ERRORS))))
-        # crossings at grazing incidence, seen from the mirror, are not used
+        # crossings at which trace and array are nearly parallel, seen from the mirror, are not used
         usable = np.isfinite(self.start).all(axis=-1) & (observed.weight > 0) & ~(np.abs(sines) <= 0.05)
         self.used = np.count_nonzero(usable, axis=1)
         # Two divisions avoid overflow, because weights may have any unit.
@@ -212,7 +212,7 @@ class _Problem:
         return self.weight[some] * np.sum(residual**2, axis=-1) / self.square_scale
 
     def system(self, some: NDArray[np.int64], residual: Floats, rows: Floats, loss: int) -> tuple[Floats, Floats]:
-        """Return the gradient of the cost (n, p), and its second derivative (n, p, p) from first derivatives."""
+        """Return the gradient of the cost (n, p), and an approximate second derivative of the cost (n, p, p)."""
         weight = self.weight[some]
         _, slope, _ = bend(self.squares(some, residual), loss)
         root = np.sqrt(np.where(weight > 0, weight * slope, 0.0))[..., np.newaxis]
@@ -295,7 +295,7 @@ class _Problem:
         left = np.where(np.isfinite(left).all(axis=(1, 2), keepdims=True), left, 0.0)
         left = np.pad(left, ((0, 0), (0, max(p - left.shape[1], 0)), (0, 0)))
         _, values, vectors = np.linalg.svd(left, full_matrices=False)  # decomposition of the weighted Jacobian
-        # below this ratio, only rounding distinguishes the errors
+        # below this ratio of singular values, only rounding distinguishes the errors
         distinct, condition = enough & (values[:, -1] > 1e-11 * values[:, 0]), values[:, 0] / values[:, -1]
         variance = self.variance(residual, loss, equations)
         status = np.where(enough, np.where(distinct, ESTIMATED, DEPENDENT), TOO_FEW)
@@ -347,9 +347,10 @@ class _Problem:
     ) -> Floats:
         """Return leave-one-out residuals by one Newton step.
 
-        Let A = J H^-1 J^T, where H is the second derivative of the cost. Let D be the derivative of the influence
-        function of the omitted observation: w rho' perpendicular to its residual r, and w (rho' + 2 u rho'') along r.
-        The leave-one-out residual is r + A (I - D A)^-1 w rho' r. For the squared loss, it is (I - w A)^-1 r.
+        Let A = J H^-1 J^T, where J is the Jacobian and H the second derivative of the cost. The influence w rho' r of
+        the omitted observation depends on its residual r. Let D be the derivative of the influence with respect to r.
+        The eigenvalues of D are w rho' perpendicular to r, and w (rho' + 2 u rho'') along r. The leave-one-out residual
+        is r + A (I - D A)^-1 w rho' r. For the squared loss, it is (I - w A)^-1 r.
         """
         r, j, weight, identity = -residual[some], rows[some], self.weight[some], np.eye(self.coordinates)
         half = shares[some]
@@ -366,7 +367,7 @@ class _Problem:
         own = own + turn[..., np.newaxis, np.newaxis] * r[..., :, np.newaxis] * r[..., np.newaxis, :]
         a = half @ half.swapaxes(-1, -2)
         system = identity - own @ a
-        # If the determinant is near zero, only this observation determines one direction.
+        # If the determinant is near zero, only this observation determines one direction of the errors.
         larger = np.max(np.diagonal(system, axis1=-2, axis2=-1), axis=-1)
         known = (larger > 1e-9) & (np.linalg.det(system) > 1e-9 * larger)
         system = np.where(known[..., np.newaxis, np.newaxis], system, identity)
@@ -375,7 +376,7 @@ class _Problem:
 
 
 def bend(square: Floats, loss: int) -> tuple[Floats, Floats, Floats]:
-    """Return the loss rho, the weight rho' and the stiffness along a residual rho' + 2 u rho'', at u = `square`."""
+    """Return the loss rho, the weight rho', and the stiffness rho' + 2 u rho'' along a residual, at u = `square`."""
     if loss == SQUARED:
         return square, np.ones_like(square), np.ones_like(square)
     if loss == CAUCHY:
@@ -395,10 +396,11 @@ def predict(
     rows: Floats,
     sines: Floats,
 ) -> None:
-    """Write the derivatives by the six errors, and predicted minus measured observations, shape (N, M, D, 7).
+    """Write the derivatives with respect to six errors, and predicted minus measured observations, (N, M, D, 7).
 
-    Undefined values are NaN. `seen` contains the sun, and the cosines and sines of the encoder angles. For a spot, it
-    also contains y and z. For a crossing, it also contains the position, the direction of the array and the trace.
+    Undefined values are NaN. `seen` contains the direction to the sun, and the cosines and sines of the encoder angles.
+    For a spot, `seen` also contains y and z. For a crossing, `seen` also contains the position, the direction of the
+    array and the trace.
     """
     for i in range(len(rows)):
         f, x, d = frames[i], errors[i], to_target[i]
@@ -440,7 +442,7 @@ def predict(
                 distance, lean = math.sqrt(square), dot(axis, v)
                 middle = mixed(1.0, s, 1.0, unit(v))
                 sine = dot(axis, along) - lean * dot(v, along) / square
-                slope = -sine / distance  # slope of the predicted minus measured position
+                slope = -sine / distance  # F / slope is the predicted minus measured position
                 by_centre = scaled(-1.0 / (distance * slope), mixed(1.0, axis, -lean / square, v))
                 _derive(mount, mirror, tilts, scaled(1.0 / slope, cross(axis, middle)), by_centre, rows[i, k, 0])
                 rows[i, k, 0, 6], sines[i, k] = dot(axis, middle) / slope, sine

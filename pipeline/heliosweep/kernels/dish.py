@@ -2,13 +2,14 @@
 
 Vectors have the components x west, y south, z up. The mount leans by `tilt` about the horizontal unit vector u = (cos
 direction, -sin direction, 0), so that the foot of its azimuth axis moves towards `direction`. The focal axis is rotated
-about the elevation axis by the elevation h of the sun, then about the azimuth axis by psi, from due east through south.
+about the elevation axis by the elevation h of the sun, then about the azimuth axis by the angle psi, measured from due
+east through south.
 
 There are two models. In `RIGID`, the whole mount leans and the controller does not correct the tilt. In
 `UNTILTED_HOME_AXES`, only the azimuth axis leans, and the home positions of the elevation axis and the focal axis do
-not (Liu, Peng and Yan 2022 [1]_). Both rotations are linear in (1, cos, sin) of their angles. The focal axis minus the
-direction of the sun is therefore the sum over p and q of D[p, q] (1, cos psi, sin psi)[p] (1, cos h, sin h)[q]. D is
-zero for a mount without errors.
+not lean (Liu, Peng and Yan 2022 [1]_). Both rotations are linear in (1, cos, sin) of their angles. The focal axis minus
+the direction of the sun is therefore the sum over p and q of D[p, q] (1, cos psi, sin psi)[p] (1, cos h, sin h)[q]. D
+is zero for a mount without errors.
 
 References
 ----------
@@ -25,9 +26,11 @@ from numpy.typing import ArrayLike
 from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
 from heliosweep.kernels.vectors import at_angle, turning
 
-#: The whole mount leans, or only the azimuth axis leans and the home positions of the other axes do not.
+#: Models of a tilt. `RIGID`: The whole mount leans. `UNTILTED_HOME_AXES`: Only the azimuth axis leans, and the home
+#: positions of the other axes do not lean.
 RIGID, UNTILTED_HOME_AXES = 0, 1
-#: Maximum chord for which the vectorised series of the arc is used. Its terms after chord^15 are below 2e-17.
+#: Maximum chord for which the vectorised series of the arc is used. The terms of the series after chord^15 are below
+#: 2e-17.
 SMALL = 0.24
 #: Coefficients of the odd powers of a chord in the series of its arc, 2 asin(chord / 2).
 ARC = (1.0, 1 / 24, 3 / 640, 5 / 7168, 35 / 294912, 63 / 2883584, 231 / 54525952, 143 / 167772160)
@@ -103,7 +106,8 @@ def window_errors(
     windows : Windows
         From `pack_windows`.
     tilt, direction : array_like
-        Tilt of the azimuth axis, and direction in which its foot leans: 0 south, positive to the west. [rad]
+        Tilt of the azimuth axis, and direction towards which the foot of the axis moves: 0 for south, positive to the
+        west. [rad]
     home_azimuth, home_elevation : array_like
         Offsets gamma1 and gamma2 of the home position of the focal axis from due east: its home vector is
         (-cos gamma1 cos gamma2, -sin gamma1, cos gamma1 sin gamma2). [rad]
@@ -121,7 +125,8 @@ def window_errors(
         Weighted mean of the error e, its maximum, and the weighted mean of min(e, tolerance). Values are NaN if a
         window has no instant of positive weight. The parameters broadcast against each other. [rad]
     """
-    # In this chain only the focal axis has the azimuth offset, with the opposite sign of its collimation.
+    # In this chain, only the focal axis has the azimuth offset, and its sign is opposite to the sign of the
+    # collimation.
     across = np.asarray(home_azimuth) - np.asarray(collimation)
     mount = (tilt, direction, across, home_elevation, azimuth_reference, non_orthogonality, tolerance)
     *parameters, limits = np.broadcast_arrays(*np.atleast_1d(*mount))
@@ -143,7 +148,7 @@ def window_errors(
 def _chain(
     model: int, tilt: Floats, direction: Floats, across: Floats, lift: Floats, reference: Floats, askew: Floats
 ) -> Floats:
-    """Return the coefficients of the focal axis, shape (C, 3, 3, 3).
+    """Return the coefficients of the focal axis as a function of psi and h, shape (C, 3, 3, 3).
 
     The last three axes of the array correspond to x, y, z; to 1, cos psi, sin psi; and to 1, cos h, sin h.
     """
@@ -178,8 +183,8 @@ def _window_errors(
     """Write `errors`, shape (3, C, W), for chains (C, 3, 9) and limits (C,).
 
     `leans` (C, 3) contains a scale and the sine and cosine of the direction. If tilt is the only error of a rigid
-    mount, the chord is scale |u x s|. The scale of all other mounts is 0. Mounts with small tilts in the same direction
-    share the sums of the powers of |u x s|.
+    mount, the chord is scale |u x s|, where s is the direction to the sun. The scale of all other mounts is 0. Mounts
+    with small tilts in the same direction share the sums of the powers of |u x s|.
     """
     windows, arc, total = len(starts) - 1, np.empty(weights.size), np.full(len(starts) - 1, math.nan)
     for w in range(windows):
@@ -240,7 +245,7 @@ def _nine(row):
 
 @inline
 def _sum_powers(rows, weights, starts, west, south, length, sums, top):
-    """Sum the odd powers of |u x s| over each window and find its maximum."""
+    """Sum the odd powers of |u x s| over each window, and find the maximum of |u x s|."""
     for t in range(length.size):
         along = rows[2, t] * (south * rows[1, t] - west * rows[0, t])
         length[t] = math.sqrt(along * along + rows[3, t] * rows[3, t])

@@ -5,7 +5,7 @@ receiver is a rectangle centred on the aim point T. Its face axes are the rows
 
     X = (cos b sin g, cos b cos g, sin b),  Y = (-cos g, sin g, 0),  Z = X x Y
 
-with the azimuth g (from north, clockwise) and the tilt b (up) of the outward normal X. A spot at the point p of the
+where g is the azimuth (from north, clockwise) and b the tilt (up) of the outward normal X. A spot at the point p of the
 plane has the coordinates y = Y.(p - T), positive to the right for an observer in the field who faces the receiver, and
 z = Z.(p - T), positive upwards.
 
@@ -18,13 +18,13 @@ and bore). The normal n and the mirror centre P are
     n = Q^T Rtilt(te, tn) Rz(-(g + g0)) Ry(eta) Rx(a + a0) (sin mu, cos mu, 0)
     P = C + Q^T [Rtilt (h u + Rz(-(g + g0)) ((0, q, 0) + Ry(eta) Rx(a + a0) (0, r, 0))) - h u]
 
-with the mirror offset r along the bore, the axis offset q and the height h of the pivot above the base that tilts. The
-base is vertically below the pivot, u = Q (0, 0, 1), for any direction of the primary axis.
+where r is the mirror offset along the bore, q the axis offset, and h the height of the pivot above the base that tilts.
+The base is vertically below the pivot, u = Q (0, 0, 1), for any direction of the primary axis.
 
-In the frame of the tilted primary axis, with the sun s, the aim point at d from the tilted pivot and the mirror centre
-at c, the normal is n = unit(s + unit(d - c)). The normal gives the angles, and the angles give the centre c' = F(c).
-Newton's method solves c = F(c). A change dc of the centre changes the two angles by G dc. A change v of the
-angles changes the centre by C v. Hence
+The following vectors are in the frame of the tilted primary axis: s to the sun, d from the tilted pivot to the aim
+point, and c from the tilted pivot to the mirror centre. The normal is n = unit(s + unit(d - c)). The normal gives the
+angles, and the angles give the centre c' = F(c). Newton's method solves c = F(c). A change dc of the centre changes the
+two angles by G dc. A change v of the angles changes the centre by C v. Hence
 
     c* = F(c) + C v,   (1 - G C) v = G (F(c) - c)
 
@@ -87,19 +87,19 @@ def mount_frame(kind: int, latitude: float, axis_azimuth: float, to_target: Vect
 
 @inline
 def times(m: Matrix, v: Vector) -> Vector:
-    """Product of a matrix and a vector."""
+    """Return the product of a matrix and a vector."""
     return dot(m[0], v), dot(m[1], v), dot(m[2], v)
 
 
 @inline
 def back(m: Matrix, v: Vector) -> Vector:
-    """Product of the transpose of a matrix and a vector."""
+    """Return the product of the transpose of a matrix and a vector."""
     return mixed(1.0, mixed(v[0], m[0], v[1], m[1]), v[2], m[2])
 
 
 @inline
 def tilt_matrix(east: float, north: float) -> Matrix:
-    """Rotation Rtilt by the vector (east, north, 0) [rad], accurate for any length."""
+    """Return the matrix Rtilt of the rotation by the vector (east, north, 0) [rad], accurate for any length."""
     square = east * east + north * north
     half = 0.5 * math.sqrt(square)
     u = math.sin(2.0 * half) / (2.0 * half) if half > 0.0 else 1.0
@@ -114,7 +114,7 @@ def tilt_matrix(east: float, north: float) -> Matrix:
 
 @inline
 def tilt_axes(east: float, north: float) -> tuple[Vector, Vector]:
-    """Axes about which the mount rotates if a tilt component changes, in the frame of the tilted primary axis."""
+    """Return the axes about which a mount rotates if a tilt component changes, in the frame of the tilted axis."""
     square = east * east + north * north
     if square < 1e-4:
         v = 0.5 + square * (-1 / 24 + square * (1 / 720 - square / 40320))
@@ -141,7 +141,7 @@ def turn(cg, sg, x, y):
 
 @inline
 def point(n, ce, se, cm, sm):
-    """Return the angles at which the mirror has a given normal, in the frame of the tilted primary axis.
+    """Return the angles at which the mirror has the normal `n` in the frame of the tilted primary axis.
 
     Arguments are the normal n' = Rtilt^T Q n and the cosines and sines of eta and mu. Returns cosine and sine of g + g0
     and of a + a0, and a margin that is negative in the blind cone, where the angles are undefined. If the normal is
@@ -169,15 +169,15 @@ REACHES, MISSES, BEHIND_FACE, NO_SUN, BLIND_CONE, TOO_NEAR = range(6)
 
 
 class Setting(NamedTuple):
-    """Receiver and mount, constant in time; each array has one number for each of P parameter combinations."""
+    """Receiver and mount of P parameter combinations, constant in time; each array has the shape (P,)."""
 
     #: Azimuth of the face's outward normal, from north, clockwise. [rad]
     face_azimuth: NDArray[np.float64]
     #: Tilt of the outward normal above the horizontal. [rad]
     face_tilt: NDArray[np.float64]
-    #: Half side of the aperture along Y. [m]
+    #: Half the width of the aperture, along Y. [m]
     half_width: NDArray[np.float64]
-    #: Half side of the aperture along Z. [m]
+    #: Half the height of the aperture, along Z. [m]
     half_height: NDArray[np.float64]
     #: Height of the aim point above the base of the tower. [m]
     target_height: NDArray[np.float64]
@@ -187,24 +187,24 @@ class Setting(NamedTuple):
     latitude: NDArray[np.float64]
     #: Azimuth of the horizontal axis of a tilt-roll mount, from north, clockwise. [rad]
     axis_azimuth: NDArray[np.float64]
-    #: Distance of the mirror centre from the pivot along the bore (the normal). [m]
+    #: Distance of the mirror centre from the pivot along the bore (the mirror normal). [m]
     mirror_offset: NDArray[np.float64]
-    #: Distance of the second axis from the primary axis. [m]
+    #: Distance of the secondary axis from the primary axis. [m]
     axis_offset: NDArray[np.float64]
     #: Height of the pivot above the base of the pedestal. The base is vertically below the pivot, and the pedestal
-    #: tilts about it. [m]
+    #: tilts about the base. [m]
     pedestal_height: NDArray[np.float64]
 
 
 def compiled_setting(setting: Setting) -> Setting:
-    """Return the setting as contiguous, writable arrays of one type, as the kernels require."""
+    """Return the setting with contiguous, writable arrays of the types that the kernels require."""
     dtypes = (np.int64 if name == "kind" else np.float64 for name in Setting._fields)
     return Setting(*(np.require(each, dtype, ["C", "W", "O"]) for each, dtype in zip(setting, dtypes, strict=True)))
 
 
 @inline
 def face_vectors(azimuth: float, tilt: float) -> Matrix:
-    """Return the face axes X, Y, Z for azimuth (clockwise from north) and tilt (up) of the outward normal. [rad, 1]"""
+    """Return the face axes X, Y, Z [1] for azimuth (clockwise from north) and tilt (up) of the outward normal [rad]."""
     sine, cosine, up, out = math.sin(azimuth), math.cos(azimuth), math.sin(tilt), math.cos(tilt)
     return (out * sine, out * cosine, up), (-cosine, sine, 0.0), (-up * sine, -up * cosine, out)
 
@@ -216,9 +216,9 @@ def face_axes(azimuth: float, tilt: float) -> NDArray[np.float64]:
 
 @inline
 def trace(p: Vector, n: Vector, s: Vector, face: Matrix) -> tuple[float, float, int]:
-    """Return the spot of the sun's ray that a mirror at p reflects: p + l R with R = 2 (s.n) n - s.
+    """Return the spot p + l R of the sun's ray that a mirror at p reflects, with R = 2 (s.n) n - s.
 
-    The unit vector s points to the sun, n is the unit normal. The mirror centre p is relative to the aim point [m].
+    The unit vector s points to the sun, and n is the unit normal. The mirror centre p is relative to the aim point [m].
     Returns y and z on the plane of the receiver [m], NaN if there is no spot, and the status: `REACHES`, `MISSES`,
     `BEHIND_FACE` or `NO_SUN`.
     """
@@ -245,9 +245,9 @@ _STEPS = 40
 
 
 class Mount(NamedTuple):
-    """A mount with errors, in the frame of its tilted primary axis."""
+    """Mount with errors, in the frame of its tilted primary axis."""
 
-    #: Rows of Rtilt^T Q, the axes of this frame in the world frame. [1]
+    #: Rows of Rtilt^T Q: axes of the frame of the tilted primary axis, in the world frame. [1]
     matrix: Matrix
     #: Vector from the tilted pivot to the aim point. [m]
     target: Vector
@@ -264,12 +264,12 @@ class Mount(NamedTuple):
 
 
 class Mirror(NamedTuple):
-    """Mirror of a mount at given angles, in the frame of its tilted primary axis."""
+    """Mirror of a mount at specified encoder angles, in the frame of the tilted primary axis."""
 
     normal: Vector
     #: Elevation axis in the mirror. [1]
     right: Vector
-    #: Secondary axis, and axis of rotation of the non-orthogonality. [1]
+    #: Secondary axis, and axis about which non-orthogonality rotates the mirror. [1]
     secondary: Vector
     askew: Vector
     #: Vectors to the mirror centre from the secondary axis and from the pivot. [m]
@@ -279,7 +279,7 @@ class Mirror(NamedTuple):
 
 @inline
 def six(errors):
-    """Return the six errors as scalars."""
+    """Return the six errors of a mount as scalars."""
     return errors[0], errors[1], errors[2], errors[3], errors[4], errors[5]
 
 
@@ -318,7 +318,7 @@ def added(one: Pair, other: Pair, sign: float) -> Pair:
 
 @inline
 def mirror_at(mount: Mount, g: Pair, a: Pair) -> Mirror:
-    """Return the mirror at encoder angles."""
+    """Return the mirror of a mount at the encoder angles g and a."""
     (cg, sg), (ca, sa) = added(g, mount.g0, 1.0), added(a, mount.a0, 1.0)
     (ce, se), (cm, sm) = mount.eta, mount.mu
     askew = sg, cg, 0.0
@@ -342,11 +342,11 @@ def _swung(cg, sg, v):
 
 @inline
 def aimed(mount: Mount, sun: Vector) -> tuple[Pair, Pair, int]:
-    """Aim a mount with known errors so that it reflects the sun, given in the world frame, to the aim point.
+    """Aim a mount with known errors so that it reflects the sun to the aim point.
 
-    Returns cosine and sine of the encoder angles g and a, and the status: `REACHES`, `NO_SUN`, `TOO_NEAR` (offsets not
-    smaller than the distance) or `BLIND_CONE` (the mount cannot point in this direction). The angles are defined only
-    for `REACHES`.
+    `sun` is a unit vector in the world frame. Returns cosine and sine of the encoder angles g and a, and the status:
+    `REACHES`, `NO_SUN`, `TOO_NEAR` (the offsets are not smaller than the distance to the aim point) or `BLIND_CONE`
+    (the mount cannot point in the required direction). The angles are defined only for `REACHES`.
     """
     d, offset, axis_offset = mount.target, mount.offset, mount.axis_offset
     (ce, se), (cm, sm) = mount.eta, mount.mu
@@ -373,7 +373,7 @@ def aimed(mount: Mount, sun: Vector) -> tuple[Pair, Pair, int]:
 
 @inline
 def _half_way(s, d, c):
-    """Return the normal that reflects s along d - c, the unit vector t along it, and 1 / (|d - c| |s + t|)."""
+    """Return the normal that reflects s along d - c, the unit vector t along d - c, and 1 / (|d - c| |s + t|)."""
     way = minus(d, c)
     distance = math.sqrt(dot(way, way))
     middle = mixed(distance, s, 1.0, way)
@@ -385,7 +385,7 @@ def _half_way(s, d, c):
 def _newton(c, n, t, inverse, angles, margin, askew, offset, axis_offset, far):
     """Return the next mirror centre of Newton's method, and True if the iteration has converged."""
     (cg, sg, ca, sa), (ce, se, cm, sm) = angles, askew
-    # centre F(c), and the columns of C: derivatives by a, (x, y, z), and by g, (fy, -fx, 0)
+    # centre F(c), and the columns of C: derivatives (x, y, z) with respect to a, and (fy, -fx, 0) with respect to g
     fx, fy, fz = bore(ca, sa, ce, se, 0.0, offset)
     fx, fy = turn(cg, sg, fx, fy + axis_offset)
     x, y, z = bore(-sa, ca, ce, se, 0.0, offset)
@@ -404,10 +404,10 @@ def _newton(c, n, t, inverse, angles, margin, askew, offset, axis_offset, far):
     aa, ag, ga, gg = 1.0 - dot(a_row, by_a), -dot(a_row, by_g), -dot(g_row, by_a), 1.0 - dot(g_row, by_g)
     fa, fg, inverse = dot(a_row, move), dot(g_row, move), 1.0 / (aa * gg - ag * ga)
     va, vg = inverse * (gg * fa - ag * fg), inverse * (aa * fg - ga * fa)
-    # far from the solution, or if the mount cannot point in this direction yet, use a fixed-point step
+    # use a fixed-point step far from the solution, or if the mount cannot point along the present normal
     if not (margin >= 0.0 and va * va + vg * vg < 1.0):
         va, vg = 0.0, 0.0
-    # The remaining error is of the order of the squared step, which is below rounding.
+    # The remaining error is of the order of the squared step, which is below rounding errors.
     last = va * va + vg * vg <= 1e-14 and dot(move, move) <= 1e-12 * far
     moved = mixed(va, by_a, vg, by_g)
     return (fx + moved[0], fy + moved[1], fz + moved[2]), last
@@ -430,7 +430,7 @@ def mount_frames(kind: int, latitude: float, axis_azimuth: float, to_target: Arr
     Returns
     -------
     ndarray, shape (..., 3, 3)
-        Rows Q: x, y (zero bore) and z (primary axis) in the world frame. [1]
+        Rows of Q: axes x, y (bore at zero angles) and z (primary axis) in the world frame. [1]
     """
     vectors = np.asarray(to_target, np.float64)
     frames = [
@@ -452,7 +452,7 @@ def aim(
     Parameters
     ----------
     frame : array_like, shape (..., 3, 3)
-        Rows Q, from `mount_frames`; arguments broadcast. [1]
+        Rows of Q, from `mount_frames`. All arguments broadcast. [1]
     sun : array_like, shape (..., 3)
         Unit vectors to the sun. [1]
     to_target : array_like, shape (..., 3)
@@ -465,9 +465,9 @@ def aim(
     Returns
     -------
     ndarray, shape (..., 2)
-        Encoder angles g and a, from -pi to pi, for the ray from the mirror centre. They are NaN if the sun is at or
-        below the horizon, if the required direction is in the blind cone, or if the offsets are not smaller than the
-        distance. [rad]
+        Encoder angles g and a, from -pi to pi, for the ray reflected at the mirror centre. The angles are NaN if the
+        sun is at or below the horizon, if the required direction is in the blind cone, or if the offsets are not
+        smaller than the distance to the aim point. [rad]
     """
     return _rowwise(_aim, 2, frame, sun, to_target, errors, offsets)
 
@@ -500,7 +500,7 @@ def stand(
     to_target: ArrayLike,
     offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Stand:
-    """Return mirrors of mounts with errors, at encoder angles of shape (..., 2) [rad]; other arguments as in `aim`."""
+    """Return the mirrors of mounts with errors, at encoder angles (..., 2) [rad]; see `aim` for other arguments."""
     made = _rowwise(_stand, 18, frame, angles, to_target, errors, offsets)
     return Stand(*(made[..., 3 * k : 3 * k + 3] for k in range(6)))
 
@@ -518,14 +518,14 @@ class Mounts(NamedTuple):
     offsets: Floats
 
     def of(self, some: NDArray[np.int64] | slice) -> "Mounts":
-        """Return the mounts with these indices."""
+        """Return the mounts with the indices `some`."""
         return self._replace(frames=self.frames[some], to_target=self.to_target[some])
 
     def aim(self, sun: Floats, known: Floats | None = None) -> Floats:
-        """Return encoder angles, shape (N, ..., T, 2), that correct known errors (default: none). [rad]
+        """Return encoder angles, shape (N, ..., T, 2), that correct known errors (default: no errors). [rad]
 
-        Known errors have the shape (N, ..., 1 or T, 6). Sun vectors have the shape (T, 3), or the leading shape of the
-        errors.
+        Known errors have the shape (N, ..., 1 or T, 6). Sun vectors have the shape (T, 3), or the shape of the errors
+        with a last axis of length 3.
         """
         known = np.zeros((len(self.frames), 1, 6)) if known is None else known
         return aim(self._at(self.frames, known), sun, self._at(self.to_target, known), known, tuple(self.offsets))
@@ -542,12 +542,12 @@ class Mounts(NamedTuple):
 
     @staticmethod
     def _at(each: Floats, wide: Floats) -> Floats:
-        """Insert axes into an array whose first axis is the mount, so that it broadcasts with `wide`."""
+        """Insert axes after the first axis (mounts) of an array, so that the array broadcasts with `wide`."""
         return each[(slice(None), *[np.newaxis] * (wide.ndim - 2))]
 
 
 def _rowwise(fill, count: int, frame: ArrayLike, *arrays: ArrayLike) -> Floats:
-    """Call a kernel on broadcast rows of a frame, three arrays and offsets; it returns `count` numbers for each row."""
+    """Call a kernel on broadcast rows of frames and three arrays; return the `count` numbers of each row."""
     *vectors, offsets = arrays
     frames = np.asarray(frame, np.float64)
     parts = [frames.reshape(*frames.shape[:-2], 9), *(np.asarray(each, np.float64) for each in vectors)]
@@ -561,7 +561,10 @@ def _rowwise(fill, count: int, frame: ArrayLike, *arrays: ArrayLike) -> Floats:
 
 @inline
 def _mount(row, offsets, first) -> Mount:
-    """Return the mount of a row: frame, sun or angles, vector to the aim point (from index `first`), errors."""
+    """Return the mount of a row.
+
+    A row contains the frame, the sun or the angles, the vector to the aim point (from index `first`), and the errors.
+    """
     frame = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8])
     to_target, k = (row[first], row[first + 1], row[first + 2]), first + 3
     errors = row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5]
@@ -595,7 +598,7 @@ def pointing_turns(
     centre: Floats, target: Floats, mounts: Floats, tracking: int, sun: Floats, start: int, stop: int, first: int = 0,
     stride: int = 1,
 ) -> Floats:  # fmt: skip
-    """Return the rotation of the normals of mirrors start..stop towards u and v, shape (stop - start, T, 2). [rad]
+    """Return the rotations of mirrors start..stop towards the mirror axes u and v, shape (stop - start, T, 2). [rad]
 
     The encoder angles are computed for a mount without errors. The rotation of a mirror about its normal is omitted.
 
@@ -629,7 +632,7 @@ def pointing_turns(
 def _turns(
     centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: Floats, first: int, stride: int, out: Floats
 ) -> None:
-    """Write the rotations, which are zero if the sun is below the horizon."""
+    """Write the rotations of the normals, which remain zero if the sun is below the horizon."""
     for i in range(out.shape[0]):
         e = mounts[i]
         way = (target[i, 0] - centre[i, 0], target[i, 1] - centre[i, 1], target[i, 2] - centre[i, 2])

@@ -11,9 +11,9 @@ The mirror centre is fixed or moves, depending on the source of the error:
 
     canting: P is fixed;   encoder: P(eps) = C + Rot(a, eps) (P - C);   tilt: P(eps) = B + Rot(a, eps) (P - B)
 
-with the pivot C and the base B of the pedestal. Every vector that rotates about a is v0 + v1 cos eps + v2 sin eps with
-v0 = a (a.v), v1 = v - v0, v2 = a x v. The reflected ray is R = 2 (S.n) n - S; about an axis in the mirror, R(eps) =
-Rot(a, 2 eps) R(0). The equations follow Optics Express 27 (8), A257 (2019), Sect. 3, in a right-handed frame.
+where C is the pivot and B the base of the pedestal. A vector v that rotates about a becomes v0 + v1 cos eps + v2 sin
+eps with v0 = a (a.v), v1 = v - v0, v2 = a x v. The reflected ray is R = 2 (S.n) n - S; for an axis a in the mirror,
+R(eps) = Rot(a, 2 eps) R(0). The equations follow Optics Express 27 (8), A257 (2019), Sect. 3, in a right-handed frame.
 
 **Tolerance**: the tolerance is the minimum error at which the spot of a mirror leaves the aperture. With the mirror
 centre p relative to the aim point and the reflected ray R, the homogeneous coordinates of the spot are
@@ -21,9 +21,10 @@ centre p relative to the aim point and the reflected ray R, the homogeneous coor
     U = Z.(p x R),  V = -Y.(p x R),  W = -X.R,   spot (y, z) = (U, V) / W,   real where W > 0
 
 The spot lies on the line l0 y + l1 z = l2 if g = l2 W - l0 U - l1 V = 0; the four edges of the aperture are the lines
-(1, 0, w), (-1, 0, w), (0, 1, h), (0, -1, h). Their four values of g are positive as long as the spot is inside. The sum
-of the first two values is 2 w W, which implies W > 0. The first exit is therefore the root of minimum magnitude of the
-four g, for positive and negative errors, and no scan is needed. The mirror must be lit at this root, S.n > 0.
+(1, 0, w), (-1, 0, w), (0, 1, h), (0, -1, h). The values of g for the four edges are positive as long as the spot is
+inside the aperture. The sum of g for the first two edges is 2 w W, which implies W > 0. The tolerance is therefore the
+minimum magnitude of all positive and negative roots of the four functions g, and no scan of errors is needed. The
+mirror must be lit at this root, S.n > 0.
 
 If the mirror centre is fixed and the axis a is in the mirror, R(eps) = Rot(a, 2 eps) R(0). As g is linear in R, g = c0
 + c1 cos 2 eps + c2 sin 2 eps, with the roots
@@ -34,23 +35,24 @@ R has the period pi, and the mirror is lit at only one of the angles eps + j pi.
 times the sign of (S.n) cot eps + S.(a x n). The cotangent of the tolerance is the maximum of these cotangents over the
 edges and roots.
 
-If the mirror centre or the primary axis moves, g is a trigonometric polynomial of degree 2 or 3, whose coefficients are
-products of the coefficients of R and p. The search for a root starts at zero error and proceeds in steps along the
-error. The step h is the minimum possible distance of a root, from g + g' h - M h^2 / 2 = 0. The bound M of |g''| is the
-sum of the amplitudes times the squares of their degrees. The search cannot miss a root. Close to a root, it converges
-as fast as Newton's method.
+If the mirror centre moves, or if a is the primary axis, g is a trigonometric polynomial of degree 2 or 3, whose
+coefficients are products of the coefficients of R and p. The search for a root starts at zero error and proceeds in
+steps along the error. The step h is the minimum possible distance of a root, from g + g' h - M h^2 / 2 = 0. The bound M
+of |g''| is the sum of the amplitudes times the squares of their degrees. The search cannot miss a root. Close to a
+root, it converges as fast as Newton's method.
 
-**Conic**: for an axis a in the mirror, the reflected rays satisfy a.R = -a.S = k. They form a cone whose apex p is the
-mirror centre. On the plane of the receiver, the points x = y Y + z Z of the trace, relative to the aim point, satisfy
+**Conic**: for an axis a in the mirror, the reflected rays satisfy a.R = -a.S = k. The rays form a cone whose apex p is
+the mirror centre. On the plane of the receiver, the points x = y Y + z Z of the trace, relative to the aim point,
+satisfy
 
     (x - p)^T m (x - p) = 0,  m = a a^T - k^2 I:   A y^2 + B y z + C z^2 + D y + E z + F = 0
 
     A = m_yy,  B = 2 m_yz,  C = m_zz,  D = -2 (m p)_y,  E = -2 (m p)_z,  F = p^T m p
 
-with B^2 - 4 A C = 4 k^2 (1 - a_x^2 - k^2) and the eccentricity sqrt(1 - a_x^2) / |k|. Rays run along the half of the
-cone on which a.(x - p) has the sign of k. The Dandelin sphere inside this half, between the apex and the plane, touches
-the plane at a focus inside the branch that the rays trace. The centre of this sphere is p + s sign(k) a with s = X.p /
-(sqrt(1 - k^2) - sign(k) a_x).
+The discriminant is B^2 - 4 A C = 4 k^2 (1 - a_x^2 - k^2), and the eccentricity is sqrt(1 - a_x^2) / |k|. Rays run along
+the half of the cone on which a.(x - p) has the sign of k. The Dandelin sphere inside this half, between the apex and
+the plane, touches the plane at a focus inside the branch that the rays trace. The centre of this sphere is p + s
+sign(k) a with s = X.p / (sqrt(1 - k^2) - sign(k) a_x).
 
 **Crossings**: a heliostat that has reflecting cylinders on its facets, or that sweeps through a range of errors, traces
 a whole deviation curve. Detectors along lines l0 y + l1 z = l2 measure the crossings of the curve with these lines
@@ -59,10 +61,10 @@ a whole deviation curve. Detectors along lines l0 y + l1 z = l2 measure the cros
 **Mounts**: mounts aim with the known errors, and the actual errors rotate and move the mirror.
 
 This module also computes statistics of spots over samples of the errors, without storing the spots. The statistics are
-the mean, the variances and the covariance of the spots on the plane of the receiver. They also include percentiles of
-the remaining tolerance, and the fractions of samples whose spot reaches the plane and whose spot lies in the aperture.
-The remaining tolerance is the angle by which the mirror can rotate about its elevation or azimuth axis, with a fixed
-centre, before the spot leaves the aperture.
+the mean, the variances and the covariance of the spots on the plane of the receiver. Further statistics are percentiles
+of the remaining tolerance, and the fractions of samples whose spot reaches the plane and whose spot lies in the
+aperture. The remaining tolerance is the angle by which the mirror can rotate about its elevation or azimuth axis, with
+a fixed centre, before the spot leaves the aperture.
 """
 
 import math
@@ -103,17 +105,17 @@ ELEVATION, AZIMUTH, ENCODER_AZIMUTH = range(3)
 #: Coefficients of a trigonometric polynomial of the error: 1, cos, sin, cos 2, sin 2, cos 3 and sin 3.
 Series = tuple[float, float, float, float, float, float, float]
 
-#: Maximum number of steps of a search along the error. No search in the tests needed this many.
+#: Maximum number of steps of a search along the error. All searches in the tests need fewer steps.
 _STEPS = 10_000
-#: Maximum length of the last step: the remaining error, of second order, is below rounding. [rad]
+#: Maximum length of the last step. The remaining error is of second order and below rounding errors. [rad]
 _LAST_STEP = 1e-9
-#: Minimum sine of the angle between a ray and the plane. Below this, rounding determines the spot. [1]
+#: Minimum sine of the angle between a ray and the plane. Below this value, rounding errors determine the spot. [1]
 _PARALLEL = 1e-12
 MOMENTS = ("mean_y", "mean_z", "variance_y", "variance_z", "covariance", "real_fraction", "hit_fraction", "status")
 
 
 class Curve(NamedTuple):
-    """Normal and centre of one mirror at one instant as functions of an error with one axis and source."""
+    """Normal and centre of one mirror at one instant, as functions of an error about one axis from one source."""
 
     #: A status code of `mounts`. The other fields are undefined unless the status is `REACHES`.
     status: int
@@ -121,9 +123,9 @@ class Curve(NamedTuple):
     sun: Vector
     #: Unit vector a, the axis of rotation of the error. [1]
     axis: Vector
-    #: Unit normal as a function of the error. [1]
+    #: Unit normal as a function of the error: coefficients v0, v1 and v2. [1]
     normal: Matrix
-    #: Mirror centre relative to the aim point as a function of the error. [m]
+    #: Mirror centre relative to the aim point, as a function of the error: coefficients v0, v1 and v2. [m]
     centre: Matrix
 
 
@@ -136,18 +138,18 @@ class Curves(NamedTuple):
     #: Coordinates y and z of spots [m], NaN unless the status is `REACHES`, and the status, shape (3, C, H, T, E).
     spots: Floats
     #: Minimum |error| at which the spot leaves the aperture, shape (C, H, T). The value is 0 if the errors of the mount
-    #: already move the spot outside. It is infinite if the spot never crosses an edge, or if the mirror first turns
-    #: away from the sun. [rad]
+    #: already move the spot out of the aperture. The tolerance is infinite if the spot never crosses an edge, or if the
+    #: mirror turns away from the sun before. [rad]
     tolerance: Floats
     #: Conic of the curve, shape (9, C, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], eccentricity
     #: [1], and focus y and z [m]. The coefficients are divided by A, or by the coefficient of maximum magnitude if A is
-    #: zero compared with B and C. The focus lies inside the branch that real rays trace; for an ellipse, this is the
-    #: focus nearer to the mirror. If the sun is perpendicular to the axis, the cone is a plane, and the curve is a
+    #: negligible compared with B and C. The focus lies inside the branch that real rays trace; for an ellipse, this is
+    #: the focus nearer to the mirror. If the sun is perpendicular to the axis, the cone is a plane, and the curve is a
     #: straight line with infinite eccentricity and no focus. All values are NaN if the curve is not a conic: for errors
     #: of the encoder or pedestal that move the mirror centre, and for errors about the primary axis.
     conic: Floats
-    #: First crossing of each line, shape (3, C, H, T, L): y and z [m], and the error with its sign [rad]. It is the
-    #: crossing by real rays with the minimum |error|; NaN if there is none.
+    #: First crossing of each line, shape (3, C, H, T, L): y and z [m], and the error with its sign [rad]. The first
+    #: crossing is the crossing by real rays with the minimum |error|; NaN if there is no crossing.
     crossing: Floats
 
 
@@ -168,14 +170,14 @@ def deviation_curves(
     setting : Setting
         Receiver and mount of C parameter points.
     source, axis : array_like of int, shape (C,)
-        `CANTING`, `ENCODER` or `TILT`; `ELEVATION`, `AZIMUTH` or `ENCODER_AZIMUTH`.
+        Source of the error (`CANTING`, `ENCODER` or `TILT`) and axis of the error (`ELEVATION`, `AZIMUTH` or
+        `ENCODER_AZIMUTH`).
     sun : array_like, shape (C or 1, T, 3)
         Unit vectors to the sun: east, north, up. [1]
     pivots : array_like, shape (C or 1, H, 3)
         Pivots relative to the base of the tower: east, north, up. [m]
     lines : array_like, shape (L, 3)
-        Coefficients l0, l1 [1] and l2 [m] of lines of detectors l0 y + l1 z = l2. At least one of l0 and l1 must not be
-        0.
+        Coefficients l0, l1 [1] and l2 [m] of the detector lines l0 y + l1 z = l2. l0 and l1 must not both be 0.
     sizes : array_like, shape (C, E), optional
         Errors eps at which spots are computed. [rad]
     errors : array_like, shape (C, 6), optional
@@ -196,7 +198,10 @@ def deviation_curves(
 
 @inline
 def curve_of(setting, p, face, source, axis, sky, h, t):
-    """Return the curve of parameter point p for a heliostat and an instant of `sky`."""
+    """Return the deviation curve of parameter point p, heliostat h and instant t.
+
+    `sky` contains the sun, the pivots, the sizes of the errors, and the existing errors of the mounts.
+    """
     sun, pivots, _, stood = sky
     i, j, e = min(p, len(sun) - 1), min(p, len(pivots) - 1), stood[p]
     s = (sun[i, t, 0], sun[i, t, 1], sun[i, t, 2])
@@ -226,7 +231,7 @@ def curve_of(setting, p, face, source, axis, sky, h, t):
 
 @inline
 def spot_at(curve: Curve, face: Matrix, cosine: float, sine: float) -> tuple[float, float, int]:
-    """Return the spot y, z [m] and its status at the error with a given cosine and sine."""
+    """Return the coordinates y, z [m] and the status of the spot, for the cosine and sine of an error."""
     if curve.status != REACHES:
         return math.nan, math.nan, curve.status
     return trace(at_angle(curve.centre, cosine, sine), at_angle(curve.normal, cosine, sine), curve.sun, face)
@@ -293,8 +298,8 @@ def _tolerance(curve: Curve, series, closed: bool, face: Matrix, w: float, h: fl
 
 @inline
 def _crossing(curve: Curve, series, closed: bool, aligned: bool, face: Matrix, line: Vector) -> float:
-    """Return the error of minimum magnitude at which the spot is on a line; not finite if there is none. [rad]"""
-    if aligned and line[2] == 0.0:  # The line passes through the aim point: the spot without error is on it.
+    """Return the error of minimum magnitude at which the spot is on a line; infinite or NaN if there is none. [rad]"""
+    if aligned and line[2] == 0.0:  # The line passes through the aim point, as does the spot without error.
         return 0.0
     if not closed:
         return _nearest(series, (line_series(series, line),))
@@ -311,7 +316,7 @@ def angle_of(cotangent: float) -> float:
 
 @inline
 def _nearest(series, lines) -> float:
-    """Return the error of minimum magnitude at which the spot is real and on a line, see `first_crossing`. [rad]"""
+    """Return the error of minimum magnitude at which the spot is real and on a line; see `first_crossing`. [rad]"""
     up = first_crossing(series, lines, 1.0, math.pi)
     down = first_crossing(series, lines, -1.0, min(up, math.pi))
     if not (up == up and down == down):
@@ -335,7 +340,7 @@ def _conic(curve: Curve, face: Matrix) -> tuple[float, float, float, float, floa
         for other in (second, third, fourth, fifth, sixth):
             scale = other if abs(other) > abs(scale) else scale
     eccentricity, focus_y, focus_z = math.inf, math.nan, math.nan
-    if abs(k) > 1e-14:  # else the cone is a plane
+    if abs(k) > 1e-14:  # otherwise, the cone is a plane
         eccentricity = math.sqrt(max(ay * ay + az * az, 0.0)) / abs(k)
         sign = math.copysign(1.0, k)
         s = sign * px / (math.sqrt(max(1.0 - k * k, 0.0)) - sign * ax)
@@ -357,7 +362,7 @@ def _conic(curve: Curve, face: Matrix) -> tuple[float, float, float, float, floa
 def canting_cotangent(
     sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Matrix, half_width: float, half_height: float
 ) -> float:
-    """Return the cotangent of the tolerance to an error about an axis in the mirror, with a fixed mirror centre.
+    """Return the cotangent of the tolerance to errors about an axis in the mirror, for a fixed mirror centre.
 
     Arguments are the unit vector to the sun, the mirror normal, and the axis, which is perpendicular to the normal [1].
     Further arguments are the mirror centre relative to the aim point [m], and the half sides of the aperture along Y
@@ -376,7 +381,7 @@ def canting_cotangent(
 def crossing_cotangent(
     sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Matrix, line: Vector
 ) -> tuple[float, float]:
-    """Return the first crossing of a line by the curve of an error about an axis in the mirror, with a fixed centre.
+    """Return the first crossing of a line and the deviation curve of an axis in the mirror, for a fixed mirror centre.
 
     Parameters are as in `canting_cotangent`. Returns the cotangent of the minimum |error| at which the spot is real and
     on the line, or -infinity if there is no such error, and the sign of this error.
@@ -469,13 +474,13 @@ def _value_and_slope(series, c, s):
 
 @inline
 def first_crossing(series, lines, side: float, limit: float) -> float:
-    """Return the minimum |error| with the sign `side` at which the spot is real and on one of the lines. [rad]
+    """Return the minimum |error| of sign `side` at which the spot is real and on one of the lines. [rad]
 
     Arguments are the `spot_series` and the `line_series` of one or more lines. If there is more than one line (edges of
-    an aperture), the spot without error must be on the side of all lines where g > 0, and no virtual crossing may
-    precede the first real crossing. The result is infinite if there is no crossing up to `limit` [rad], or if the
-    mirror first turns away from the sun. The result is NaN if the search along the error does not converge within
-    `_STEPS` steps.
+    an aperture), g of the spot without error must be positive for all lines. No virtual crossing may then precede the
+    first real crossing. The result is infinite if there is no crossing up to `limit` [rad], or if the mirror turns away
+    from the sun before the crossing. The result is NaN if the search along the error does not converge within `_STEPS`
+    steps.
     """
     error, sign, cosine, sine, bright = 0.0, 0.0, 1.0, 0.0, 0.0
     for _ in range(_STEPS):
@@ -491,13 +496,13 @@ def first_crossing(series, lines, side: float, limit: float) -> float:
             ahead, _ = _value_and_slope(series[3], cosine, sine)
             if ahead > _PARALLEL:
                 return error + to_root if error + to_root <= limit else math.inf
-            # a crossing of the virtual branch: there is no other crossing within 2 |g'| / M. The sign beyond is not
-            # always opposite, because the curve may only touch the line.
+            # This is a crossing of the virtual branch, and there is no other crossing within 2 |g'| / M. The sign of g
+            # beyond the crossing is computed again, because the curve may only touch the line.
             sign = 0.0
             to_root = max(past_root, _LAST_STEP)
-        if error + to_root > bright:  # the mirror is certainly lit up to `bright`
+        if error + to_root > bright:  # the mirror is lit for all errors up to `bright`
             lit, slope = _value_and_slope(series[0], cosine, sine)
-            if not lit > 1e-12:  # faces away from the sun
+            if not lit > 1e-12:  # the mirror faces away from the sun
                 return math.inf
             bright = error + _earliest_root(lit, side * slope, 1.0)
             to_root = min(to_root, bright - error)
@@ -510,7 +515,7 @@ def first_crossing(series, lines, side: float, limit: float) -> float:
 
 @inline
 def _earliest_root(value: float, slope: float, bound: float) -> float:
-    """Return a lower bound of the distance to a root, from the value, slope and bound of |second derivative|."""
+    """Return a lower bound of the distance to a root of a function with a bounded second derivative."""
     if not value > 0.0:
         return 0.0
     root = math.sqrt(slope * slope + 2.0 * bound * value)
@@ -518,14 +523,14 @@ def _earliest_root(value: float, slope: float, bound: float) -> float:
 
 
 def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike) -> Floats:
-    """Compute spots of heliostats whose mounts have errors and aim exactly with the known errors.
+    """Compute the spots of heliostats with mount errors; the tracking corrects the known errors exactly.
 
     Parameters
     ----------
     setting : Setting
         Receiver and mount of P parameter combinations.
     actual : array_like, shape (P or 1, H or 1, 6)
-        Errors, in the order of `mounts.ERRORS`. [rad]
+        Actual errors of the mounts, in the order of `mounts.ERRORS`. [rad]
     known : array_like, shape (P or 1, H or 1, 6)
         Errors that the tracking corrects. [rad]
     sun : array_like, shape (P or 1, T, 3)
@@ -547,7 +552,7 @@ def sampled(
 ) -> tuple[Floats, Floats]:
     """Return spots y, z [m], status and remaining tolerances [rad] of K samples of errors, shape (3 or 5, P, H, T, K).
 
-    Also returns the status of aiming, shape (P, H, T). Arguments are as in `mount_spots`, but errors have the shape
+    Also returns the status of aiming, shape (P, H, T). Arguments are as in `mount_spots`, but `actual` has the shape
     (P, H, K, 6).
     """
     arrays = [np.require(value, np.float64, ["C", "W"]) for value in (actual, known, sun, pivots)]
@@ -620,7 +625,7 @@ def spot_statistics(
     setting, known, sun, pivots
         As in `mount_spots`.
     actual : array_like, shape (P or 1, H or 1, K, 6)
-        K samples of the errors, at least one. [rad]
+        K samples of the actual errors, with K at least 1. [rad]
     percentiles : array_like, shape (Q,)
         Percentiles of the remaining tolerance, 0 to 100. [%]
 
@@ -629,8 +634,8 @@ def spot_statistics(
     dict of ndarray, shape (P, H, T)
         ``mean_y``, ``mean_z`` [m], ``variance_y``, ``variance_z``, ``covariance`` [m^2] of the spots that reach the
         plane, with n - 1 in the denominator; NaN if there are too few spots. ``real_fraction``, ``hit_fraction``:
-        fractions of the samples whose spot reaches the plane and whose spot lies in the aperture (edges included). NaN
-        if the sun is at or below the horizon. [1] ``status``: status of aiming, `mounts.REACHES`, `NO_SUN`,
+        fractions of the samples whose spot reaches the plane and whose spot lies in the aperture (edges included); both
+        are NaN if the sun is at or below the horizon. [1] ``status``: status of aiming, `mounts.REACHES`, `NO_SUN`,
         `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the pivot is on the plane of the receiver or behind it.
         ``tolerance``, shape (P, H, T, Q, 2): percentiles over all samples of the remaining tolerance about the
         elevation axis, unit(n x z), and about the azimuth axis of the mirror, interpolated as in `numpy.percentile`.
@@ -644,7 +649,7 @@ def spot_statistics(
     suns = np.broadcast_to(sun, (count[0], *np.shape(sun)[1:]))
     wanted, shape = np.array(percentiles, np.float64), (*count, suns.shape[1])
     moments, tolerance = np.full((len(MOMENTS), *shape), np.nan), np.full((*shape, len(wanted), 2), np.nan)
-    step = max(1, 100_000 // samples.shape[2])  # spots in memory at a time
+    step = max(1, 100_000 // samples.shape[2])  # instants at a time, to limit memory
     for p, h in np.ndindex(*shape[:2]):
         ours, theirs, here = (each[p : p + 1, h : h + 1] for each in (samples, corrected, places))
         one = Setting._make(values[p : p + 1] for values in setting)
@@ -655,14 +660,14 @@ def spot_statistics(
             size = float(one.half_width[0]), float(one.half_height[0])
             moments[:, p, h, part] = *_moments(y, z, status, *size), status
             for axis, angle in enumerate(angles):
-                # Infinite angles are larger than all others.
+                # Infinite angles rank above all finite angles.
                 ranked = np.percentile(np.minimum(angle, 1e300), wanted, axis=-1).T
                 tolerance[p, h, part, :, axis] = np.where(ranked > 10.0, np.inf, ranked)
     return dict(zip(MOMENTS, moments, strict=True)) | {"tolerance": tolerance}
 
 
 def _moments(y: Floats, z: Floats, status: Floats, width: float, height: float) -> list[Floats]:
-    """Return mean, variances and covariance of the spots that are not NaN, and fractions, in the order of `MOMENTS`."""
+    """Return the moments of the spots that are not NaN, and the fractions of samples, in the order of `MOMENTS`."""
     real = ~np.isnan(y)
     count = np.count_nonzero(real, axis=-1)
     hits = np.count_nonzero((np.abs(y) <= width) & (np.abs(z) <= height), axis=-1)

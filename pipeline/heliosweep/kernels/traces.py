@@ -1,19 +1,21 @@
 """Traces of the reflecting cylinders of a heliostat on the receiver's plane, and crossings with detectors.
 
-Two small cylinders (or rotating prisms) are at the centre of the mirror. One lies along its elevation axis e, the other
-along the line b up its slope. A cylinder with the axis a reflects the sun's rays like a set of mirrors that are rotated
-about a by all angles. With the mirror centre p and the direction S to the sun, the rays reach all points x of the plane
-for which
+Two small cylinders (or rotating prisms) are at the centre of the mirror. One cylinder lies along the elevation axis e
+of the mirror, the other along the line b up the slope of the mirror. A cylinder with the axis a reflects the sun's rays
+like a set of mirrors that are rotated about a by all angles. With the mirror centre p and the direction S to the sun,
+the rays reach all points x of the plane for which
 
     F(x) = a.(S + v / |v|) = 0,   v = x - p
 
-Detectors lie along straight pieces x = q + s d of the plane. With c = q - p and k = -a.S, the trace crosses a piece at
+Detectors lie along straight segments x = q + s d in the plane. With c = q - p and k = -a.S, the trace crosses a segment
+at
 
-    ((a.d)^2 - k^2) s^2 + 2 ((a.c)(a.d) - k^2 c.d) s + (a.c)^2 - k^2 |c|^2 = 0,   a.v of the sign of k,
+    ((a.d)^2 - k^2) s^2 + 2 ((a.c)(a.d) - k^2 c.d) s + (a.c)^2 - k^2 |c|^2 = 0
 
-The discriminant is k^2 (|(a.d) c - (a.c) d|^2 - k^2 |c - (c.d) d|^2). If the directions to the sun and to the aim point
-lie in a plane perpendicular to the axis, as at noon due north of the tower, k is 0 and both roots are equal. The
-cylinder's normal at the crossing is along S + v / |v|. Source: Optics Express 27 (8), A257 (2019), Sect. 2 and 4.3.
+if a.v has the sign of k. The discriminant is k^2 (|(a.d) c - (a.c) d|^2 - k^2 |c - (c.d) d|^2). If the directions to
+the sun and to the aim point lie in a plane perpendicular to the axis, as at noon due north of the tower, k is 0 and
+both roots are equal. The cylinder's normal at the crossing is along S + v / |v|. Source: Optics Express 27 (8), A257
+(2019), Sect. 2 and 4.3.
 
 The axes e and b belong to the mirror on its mount (`mounts.stand`), and rotate with every error.
 
@@ -27,8 +29,8 @@ import numpy as np
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import Stand
 
-#: Sines below this value are rounding errors. Crossings whose angular distance, seen from the mirror, is at most this
-#: value count as one.
+#: Sines below this value are rounding errors. Two crossings count as one if their angular distance, seen from the
+#: mirror, is below this value.
 _SAME = 1e-9
 
 
@@ -54,7 +56,7 @@ def turned(axis: Floats, vector: Floats, angle: float) -> Floats:
 
 
 def spots(centre: Floats, rays: Floats, face: Floats) -> Floats:
-    """Return the points y, z of rays on the plane of the face (rows X, Y, Z), shape (..., 2); NaN for a miss. [m]"""
+    """Return points y, z of rays on the plane of the face (rows X, Y, Z), shape (..., 2); NaN if a ray misses. [m]"""
     before, towards = dot(centre, face[0]), -dot(rays, face[0])
     with np.errstate(divide="ignore", invalid="ignore"):
         length = np.where((before > 0) & (towards > 0), before / towards, np.nan)
@@ -65,7 +67,7 @@ def spots(centre: Floats, rays: Floats, face: Floats) -> Floats:
 def beam_outline(
     centre: Floats, ray: Floats, face: Floats, half_angle: float, count: int, radius: float = 0.0
 ) -> Floats:
-    """Return the outline of the spot of a conical beam about its ray, shape (..., count, 2). [m]
+    """Return the outline of the spot of a conical beam about a central ray, shape (..., count, 2). [m]
 
     The half angle is in rad, and the radius of the beam at the mirror is in m. Rays that miss the plane give NaN.
     """
@@ -78,23 +80,23 @@ def beam_outline(
 
 
 def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Floats) -> tuple[Floats, Floats]:
-    """Return all crossings of both traces with straight pieces of detectors.
+    """Return all crossings of both traces with straight segments of detectors.
 
     Parameters
     ----------
     mirror : Stand
-        Mirrors of any shape (...).
+        Mirrors, with arrays of the shape (..., 3).
     sun : ndarray, shape (..., 3)
         Unit vectors to the sun. [1]
     start, along : ndarray, shape (S, 3)
-        A reference point of each piece relative to the aim point [m], and the direction of the piece [1].
+        A reference point of each segment relative to the aim point [m], and the direction of the segment [1].
     ends : ndarray, shape (S, 2)
-        First and last position of each piece, measured from its reference point. [m]
+        First and last position of each segment, measured from the reference point. [m]
 
     Returns
     -------
     place : ndarray, shape (..., 2, S, 2)
-        Positions of crossings of each trace on the pieces, ascending; NaN without a crossing. [m]
+        Positions of the crossings of each trace along the segments, ascending; NaN without a crossing. [m]
     angle : ndarray
         Angle from the normal of the mirror to the normal of the cylinder, positive upwards (elevation trace) or
         clockwise from above (azimuth trace). [rad]
@@ -112,9 +114,9 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
         n = n[..., np.newaxis, np.newaxis, np.newaxis, :]
         v = c + place[..., np.newaxis] * along
         lean = dot(axis, _unit(v))
-        # there are no rays on the other half of the cone
+        # rays exist on only one half of the cone
         place = np.where(np.abs(lean - k) <= np.abs(lean + k) + _SAME, place, np.nan)
-        for _ in range(2):  # Newton steps, accurate to rounding
+        for _ in range(2):  # two Newton steps reach the rounding error
             v = c + place[..., np.newaxis] * along
             square = dot(v, v)
             slope = (dot(axis, along) - dot(axis, v) * dot(v, along) / square) / np.sqrt(square)
@@ -139,16 +141,17 @@ def mirror_angles(frame: Floats, sun: Floats, to_elevation: Floats, to_azimuth: 
     """Estimate the angles of a mount from one point of each trace.
 
     The estimate is exact if the only errors are encoder references and all offsets are zero. Let k be the bisector of
-    the directions to the sun and to a point of a trace. Along the elevation trace, k keeps the primary angle of the
-    mirror. Along the azimuth trace, k keeps the ratio of its component along the primary axis to its component in the
-    perpendicular plane at this primary angle.
+    the directions to the sun and to a point of a trace. For all points of the elevation trace, the primary angle of k
+    equals the primary angle of the mirror. For all points of the azimuth trace, k has a constant ratio of two
+    components: the component along the primary axis, and the component in the perpendicular plane at the primary angle
+    of the mirror.
 
     Parameters
     ----------
     frame, sun
         As in `stand` and `crossings`.
     to_elevation, to_azimuth : ndarray, shape (..., 3)
-        Vectors from the pivot to the points. [m]
+        Vectors from the pivot to one point of the elevation trace and one point of the azimuth trace. [m]
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Vectors of one ray (tuples of three numbers, which become scalars) and of a packet (rows of lanes)."""
+"""Vectors of one ray (tuples of three numbers, compiled to scalars) and of a packet of rays (rows of lanes)."""
 
 import math
 
@@ -12,11 +12,11 @@ Vector = tuple[float, float, float]
 #: Maximum number of instants (lanes) in a packet.
 PACKET = 64
 
-#: Packets are padded to a multiple of this number of lanes, the vector length of the widest processors.
+#: Packets are padded to a multiple of this number of lanes, which is the vector length of the widest processors.
 GROUP = 8
 
-#: Distance between the starts of successive rows, in numbers. With `PACKET`, a power of two, the rows of short packets
-#: would share one eighth of the sets of the processor's cache.
+#: Distance between the starts of successive rows, in numbers. If this distance were `PACKET`, a power of two, the rows
+#: of short packets would share one eighth of the sets of the processor's cache.
 ROW = PACKET + GROUP
 
 
@@ -30,7 +30,7 @@ def rows(count: int) -> NDArray[np.float64]:
 
 @inline
 def get(numbers, at, k):
-    """Return the number of lane k in the row at `at`.
+    """Return the number in lane k of the row that starts at index `at`.
 
     Indices are unsigned, because numba would test signed indices for negative values.
     """
@@ -39,34 +39,34 @@ def get(numbers, at, k):
 
 @inline
 def put(numbers, at, k, value):
-    """Write the number of lane k in the row at `at`."""
+    """Write the number in lane k of the row that starts at index `at`."""
     numbers[np.uint64(at + k)] = value
 
 
 @inline
 def load2(numbers, at, k):
-    """Return the numbers of lane k in two rows."""
+    """Return the numbers in lane k of two successive rows."""
     i = np.uint64(at + k)
     return numbers[i], numbers[i + np.uint64(ROW)]
 
 
 @inline
 def load(numbers, at, k):
-    """Return the vector of lane k in three rows."""
+    """Return the vector in lane k of three successive rows."""
     i = np.uint64(at + k)
     return numbers[i], numbers[i + np.uint64(ROW)], numbers[i + np.uint64(2 * ROW)]
 
 
 @inline
 def store(numbers, at, k, v):
-    """Write the vector of lane k to three rows."""
+    """Write a vector to lane k of three successive rows."""
     i = np.uint64(at + k)
     numbers[i], numbers[i + np.uint64(ROW)], numbers[i + np.uint64(2 * ROW)] = v[0], v[1], v[2]
 
 
 @inner
 def next_run(start, some, lanes):
-    """Return start and end of the next run of lane groups with a marked lane; both are equal if there is none."""
+    """Return start and end of the next run of lane groups with marked lanes; start equals end if there is no run."""
     while start < lanes and some >> start & (1 << GROUP) - 1 == 0:
         start += GROUP
     stop = start
@@ -114,7 +114,7 @@ def unit(a: Vector) -> Vector:
 
 @inline
 def turning(axis: Vector, v: Vector) -> tuple[Vector, Vector, Vector]:
-    """Return v0, v1, v2 of a vector rotated about a unit axis: Rot(axis, e) v = v0 + v1 cos e + v2 sin e."""
+    """Return v0, v1, v2 of a vector that rotates about a unit axis: Rot(axis, e) v = v0 + v1 cos e + v2 sin e."""
     along = dot(axis, v)
     still = (along * axis[0], along * axis[1], along * axis[2])
     return still, mixed(1.0, v, -1.0, still), cross(axis, v)

@@ -1,1 +1,1 @@
-"""Kernels of slopes of mirrors from camera images."""
+"""Kernels that compute mirror slopes from camera images."""

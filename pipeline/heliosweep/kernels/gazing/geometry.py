@@ -1,39 +1,40 @@
 """Geometry and images of backward gazing: frames, cameras, modules, pixels, and rays traced back to the sun.
 
 Frames follow [1]_. R_F has x south, y east, z up and its origin O' at the target centre. Azimuths in this module are
-measured from south towards east. `basis(a, h)` rotates R_F to a frame whose x axis has azimuth a and elevation h. These
-frames are B_S for the sun, B_H for the mirror (x along the ideal normal), and B_R for the direction R0 from the mirror
-to the target. Seen from the target, the mirror's y axis points to the right and its z axis up.
+measured from south towards east. `basis(a, h)` rotates R_F to a frame whose x axis has azimuth a and elevation h. The
+rotation is B_S for x towards the sun, B_H for x along the ideal normal of the mirror, and B_R for x along R0, the
+direction from the mirror to the target. Seen from the target, the mirror's y axis points to the right and its z axis
+up.
 
 The ideal mirror of the reconstruction is the series expansion of a sphere with the focal length f (Eqs. 1 and 2 with D
 = f). Slopes p = (p_y, p_z) are deviations from the ideal mirror: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2
-f, and b likewise. A camera i at M_i sees the pixel P along R = unit(M_i - P). In this pixel, it sees the reflection of
-the sun's disc at S = 2 (N.R) N - R. The 2nd and 3rd components v and w of B_S S give the angle eps_i from the disc
-centre, sin eps_i = |(v, w)| (Eqs. 4 to 6).
+f, and b likewise. Camera i at M_i lies in the direction R = unit(M_i - P) from the pixel P. In this pixel, the camera
+sees the point of the sun's disc in the direction S = 2 (N.R) N - R. The 2nd and 3rd components v and w of B_S S give
+the angle eps_i from the disc centre, sin eps_i = |(v, w)| (Eqs. 4 to 6).
 
-Kernels process only pixels on modules, row by row; `maps` arranges their values on the grid.
+The kernels compute values only for pixels on modules, row by row; `maps` arranges these values on the grid.
 
-Images of a heliostat are rendered on the grid of its mirror, or in pinhole cameras and then rectified to this grid. The
-true surface differs from the model of the reconstruction. Each module is part of an exact sphere, rotated about its
-centre by its canting. The whole heliostat is rotated about its centre by its pointing, and slopes of waviness are
-added. The image contains the brightness of rays that are traced back from each camera to each pixel of the mirror and
-on to the sun's disc.
+Images of a heliostat are rendered directly on the grid of the mirror, or rendered by pinhole cameras and then rectified
+to this grid. The rendered surface differs from the ideal mirror of the reconstruction. Each module is part of an exact
+sphere; canting rotates the module about the module's centre. Pointing rotates the whole heliostat about the heliostat's
+centre, and waviness adds slopes. The brightness at a pixel of the mirror follows from the ray that is traced back from
+the camera to this pixel and on to the sun's disc.
 
-A pinhole camera is at its M_i, looks at the heliostat's centre and is upright, except for its roll angle. Its pixels
-are square. Columns u count to the right and rows v down, and the centre of the first pixel is at (0, 0). Brightness is
-averaged over n x n points of a pixel. The ray through a point hits the first module on its path. Before the rotations,
-the rectangle of a module is given by `Modules`.
+Pinhole camera i is at M_i and looks at the heliostat's centre. The camera is upright, except for its roll angle. Its
+pixels are square. Columns u count to the right and rows v down, and the centre of the first pixel is at (0, 0).
+The brightness of a pixel is the mean over n x n points. The ray through a point hits the first module on its path.
+`Modules` contains the rectangle of each module before the rotations.
 
-The pinhole geometry gives the image position (u, v) of each pixel of the mirror, which is a point of the ideal surface.
-If the corners of the heliostat are marked in the image, a homography maps the predicted corners to the marked corners.
-The homography corrects the pointing, roll and focal length of the camera. The geometry accounts for the mirror's sag,
-which a homography of a plane cannot describe. The brightness at a position is interpolated by the cubic of Keys [2]_
-over 4 x 4 pixels.
+The pinhole geometry gives the image position (u, v) of the point of the ideal surface at each pixel of the mirror. If
+the corners of the heliostat are marked in the image, a homography maps the predicted corners to the marked corners. The
+homography corrects the pointing, roll and focal length of the camera. The geometry accounts for the mirror's sag, which
+a homography of a plane cannot describe. The brightness at a position is interpolated by the cubic of Keys [2]_ over 4 x
+4 pixels.
 
-A pixel of the mirror is used under three conditions. All 16 image pixels lie within the image and on the same module.
-None of them is saturated or NaN. All are lit or all are dark, so that neither the sun's limb nor dirt crosses them.
-Interpolation multiplies noise by the root of the sum of squared weights, which is 1 at a pixel and decreases to 0.41
-between pixels.
+A pixel of the mirror is used only if its 4 x 4 image pixels lie within the image and on one module. None of the 16
+image pixels may be saturated or NaN. The 16 image pixels must be all lit or all dark, so that neither the sun's limb
+nor dirt crosses them. Interpolation multiplies noise by the root of the sum of squared weights, which is 1 at a pixel
+and decreases to 0.41 between pixels.
 
 References
 ----------
@@ -51,9 +52,9 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
 from heliosweep.kernels.profiles import Profile, normal_draws, rendered
 
-#: Referentials, as indices of `transfers`.
+#: Referentials: indices of the matrices that `transfers` returns.
 NONE, ROLL, EXACT = 0, 1, 2
-#: Names of the referentials in the order of `transfers`.
+#: Names of the referentials, in the order of the matrices that `transfers` returns.
 REFERENTIALS = ("none", "roll", "exact")
 
 
@@ -63,19 +64,20 @@ class Scene(NamedTuple):
     Attributes
     ----------
     sun_axes, mirror_axes, target_axes : ndarray, shape (3, 3)
-        B_S, B_H and B_R: rows x (to the sun, along the ideal normal N0, along R0), y and z in R_F. [1]
+        Rotations B_S, B_H and B_R. The rows are the axes x, y and z in R_F; x points to the sun, along the ideal normal
+        N0 or along R0. [1]
     cameras : ndarray, shape (K, 3)
-        M_i in R_F. [m]
+        Camera positions M_i in R_F. [m]
     eyes : ndarray, shape (K, 3)
-        Cameras relative to the mirror centre, in the mirror frame. [m]
+        Camera positions relative to the mirror centre, in the mirror frame. [m]
     gaze : ndarray, shape (K, 2)
-        m_i = (B_R M_i)_{2,3} / D. [rad]
+        Angular positions m_i = (B_R M_i)_{2,3} / D of the cameras, seen from the mirror. [rad]
     sun_y, sun_z : ndarray, shape (3,)
         2nd and 3rd rows of B_S in the mirror frame. [1]
     distance, focal_length : float
-        D from the mirror centre to the target centre, and f of the ideal mirror. [m]
+        Distance D from the mirror centre to the target centre, and focal length f of the ideal mirror. [m]
     incidence : float
-        Angle i of the sun and of the target from the ideal normal. [rad]
+        Angle of incidence i: angle between the ideal normal and the directions to the sun and to the target. [rad]
     """
 
     sun_axes: Floats
@@ -92,12 +94,12 @@ class Scene(NamedTuple):
 
 
 class Modules(NamedTuple):
-    """Rectangular modules of a heliostat. Module number n of a study has row n - 1.
+    """Rectangular modules of a heliostat. Row n - 1 contains module number n of a study.
 
     Attributes
     ----------
     centre : ndarray, shape (M, 2)
-        (y, z) in the mirror frame, from the heliostat's centre. [m]
+        Coordinates (y, z) of the module centres in the mirror frame, from the heliostat's centre. [m]
     size : ndarray, shape (M, 2)
         Width along y and height along z. [m]
     """
@@ -107,7 +109,7 @@ class Modules(NamedTuple):
 
 
 class MirrorGrid(NamedTuple):
-    """Square pixels over the modules; created by `mirror_grid`.
+    """Grid of square pixels over the modules of a heliostat; created by `mirror_grid`.
 
     Attributes
     ----------
@@ -118,9 +120,9 @@ class MirrorGrid(NamedTuple):
     place : ndarray of int, shape (N,)
         Indices of the N pixels on modules in the flattened grid, ascending.
     pixels : ndarray, shape (2, N)
-        Coordinates y and z of these pixels. [m]
+        Coordinates y and z of the N pixels on modules. [m]
     pixel_module : ndarray of int, shape (N,)
-        Row of the module of each of these pixels, counted from 0.
+        Row in `Modules` of the module at each of the N pixels, counted from 0.
     """
 
     y: Floats
@@ -141,10 +143,11 @@ def basis(azimuth: float, elevation: float) -> Floats:
 
 
 def camera_square(radius: float, arrangement: str = "square") -> Floats:
-    """Return four cameras at a distance `radius` [m] from the target centre: (y'', z'') in its plane, shape (4, 2). [m]
+    """Return the positions (y'', z'') of four cameras in the plane of the target, shape (4, 2). [m]
 
-    For a target that faces north, y'' points east and z'' up. `square`: (-a, a), (a, a), (-a, -a), (a, -a) with a =
-    radius / sqrt 2; `cross`: (0, r), (-r, 0), (r, 0), (0, -r). Raises ValueError for any other arrangement.
+    Each camera is at the distance `radius` [m] from the target centre. For a target that faces north, y'' points east
+    and z'' up. `square`: (-a, a), (a, a), (-a, -a), (a, -a) with a = radius / sqrt 2; `cross`: (0, r), (-r, 0), (r, 0),
+    (0, -r). ValueError is raised for any other arrangement.
     """
     if arrangement == "square":
         return radius / math.sqrt(2.0) * np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
@@ -156,7 +159,7 @@ def camera_square(radius: float, arrangement: str = "square") -> Floats:
 def in_space(places: Floats, tilt: float, face: float) -> Floats:
     """Convert positions (y'', z'') in the plane of the target, shape (K, 2), to R_F, shape (K, 3). [m]
 
-    The target leans by `tilt` (Eq. 3), so that it faces down to the mirrors for positive angles. `face` rotates the
+    The target leans by `tilt` (Eq. 3); a target with a positive tilt faces down to the mirrors. `face` rotates the
     target about the vertical, from south towards east. [rad]
     """
     leaning = np.stack((-math.sin(tilt) * places[:, 1], places[:, 0], math.cos(tilt) * places[:, 1]), axis=1)
@@ -165,7 +168,7 @@ def in_space(places: Floats, tilt: float, face: float) -> Floats:
 
 
 def in_line(places: Floats) -> bool:
-    """Return True if points of a plane, shape (K, 2), are in one line, within one millionth of their spread."""
+    """Return True if points of a plane, shape (K, 2), are collinear within one millionth of their spread."""
     spread = places - places.mean(axis=0)
     spread /= np.abs(spread).max() or 1.0  # avoids overflow of squares of large coordinates
     yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
@@ -181,26 +184,27 @@ def scene(
     tilt: float = math.radians(30.0),
     face: float = 0.0,
 ) -> Scene:
-    """Return the scene of a mirror, its target, its cameras and the sun, which is common to all pixels.
+    """Return the scene of a mirror, target, cameras and sun, which is common to all pixels of the mirror.
 
     Parameters
     ----------
     sun : tuple of float
-        Azimuth from south towards east, and elevation. [rad]
+        Azimuth of the sun, from south towards east, and elevation. [rad]
     target : tuple of float
         Azimuth and elevation of R0, the direction from the mirror to the target; the mirror centre is at -D R0. [rad]
     cameras : array_like, shape (K, 2)
-        (y'', z'') in the plane of the target. [m]
+        Camera positions (y'', z'') in the plane of the target. [m]
     distance, focal_length : float
-        D, and f of the ideal mirror. [m]
+        Distance D from the mirror to the target, and focal length f of the ideal mirror. [m]
     tilt, face : float
-        As in `in_space`; the target of the paper is not rotated and faces north. [rad]
+        Tilt and rotation of the target, as in `in_space`. The target of Defieux et al. (2020) is not rotated and faces
+        north. [rad]
 
     Raises
     ------
     ValueError
-        If a length is not positive, if sun and target are in opposite directions, or if there are fewer than 3 cameras
-        or all lie in one line as seen from the mirror, so that two slopes cannot be determined.
+        If a length is not positive, if sun and target are in opposite directions, if there are fewer than 3 cameras, or
+        if all cameras lie in one line as seen from the mirror.
     """
     places = np.asarray(cameras, np.float64)
     if not (distance > 0.0 and focal_length > 0.0):
@@ -237,9 +241,9 @@ def transfers(layout: Scene) -> Floats:
     """Return matrices that convert wavefront slopes to mirror slopes, shape (3, 2, 2). [1]
 
     `NONE` is I / 2, without the field rotation. `ROLL` is [2 cos i E T'^T]^-1, with only the rotation of the axes.
-    `EXACT` is J^-1, where J is the derivative of the wavefront slopes w by the mirror slopes p at the mirror centre, J
-    = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T]. E and T' are the 2nd and 3rd rows of B_R and B_H, and det J is 4
-    cos i. Matrices without an inverse are NaN.
+    `EXACT` is J^-1, where J is the derivative of the wavefront slopes w with respect to the mirror slopes p at the
+    mirror centre, J = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T]. E and T' are the 2nd and 3rd rows of B_R and B_H,
+    and det J is 4 cos i. A matrix is NaN if its inverse does not exist.
     """
     e, t = layout.target_axes[1:], layout.mirror_axes[1:]
     roll = 2.0 * math.cos(layout.incidence) * product(e, t).T
@@ -251,7 +255,7 @@ def themis_8() -> Modules:
     """Return the modules of a heliostat similar to THEMIS: 2 columns of 4 modules of 3.6 m x 1.8 m, with gaps of 5 cm.
 
     Numbers 1 to 4 are the left column (y < 0, seen from the target) from the top, and numbers 5 to 8 the right column.
-    The positions are assumed, because no positions are published.
+    The positions of the modules are assumed, because no positions are published.
     """
     size = 3.6, 1.8
     across, down = size[0] + 0.05, size[1] + 0.05
@@ -270,7 +274,7 @@ def outline(modules: Modules) -> Floats:
 
 
 def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
-    """Return square pixels of side `pixel` [m] over the smallest rectangle around all modules, centred on it.
+    """Return a grid of square pixels of side `pixel` [m], centred on the smallest rectangle around all modules.
 
     A pixel belongs to the module that contains its centre. Modules must not overlap or be narrower than a pixel.
     """
@@ -282,7 +286,7 @@ def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
         for axis in (0, 1)
     )
     module = np.zeros((len(z), len(y)), np.int64)
-    for row in reversed(range(len(half))):  # on a common edge of two modules, the first module counts
+    for row in reversed(range(len(half))):  # a pixel on a common edge belongs to the first module
         on_y, on_z = (
             np.abs(line - modules.centre[row, axis]) <= half[row, axis] + 1e-9 * pixel
             for axis, line in enumerate((y, z))
@@ -294,7 +298,7 @@ def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
 
 
 def eroded(grid: MirrorGrid, cells: int) -> NDArray[np.bool_]:
-    """Return True for pixels with all neighbours within `cells` rows and columns on the same module, shape (N,)."""
+    """Return True for pixels whose neighbours within `cells` rows and columns are all on one module, shape (N,)."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     low, high = (ranked(grid.module, 2 * cells + 1, mode="constant") for ranked in (minimum_filter, maximum_filter))
@@ -310,7 +314,7 @@ def maps(grid: MirrorGrid, values: ArrayLike) -> Floats:
 
 
 def product(matrix: Floats, vectors: Floats) -> Floats:
-    """Return the product of a matrix with each vector; the order of summation is the same for any number of vectors."""
+    """Return the product of a matrix with each vector; rounding does not depend on the number of vectors."""
     return np.sum(vectors[..., np.newaxis, :] * matrix, axis=-1)
 
 
@@ -354,8 +358,9 @@ def mirror_offsets(
     """Return the point of the sun's disc that a camera sees in a mirror with the normal N ~ (1, a, b).
 
     `a` and `b` are the slopes of the ideal mirror plus p [rad]. `rx`, `ry` and `rz` are the components of the unit
-    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are rows of the scene. Returns the 2nd and 3rd
-    components v and w of B_S S [1], and their derivatives dv/da, dv/db, dw/da, dw/db by p_y and p_z [1/rad].
+    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are the vectors of these names in `Scene`. Returns the
+    2nd and 3rd components v and w of B_S S [1], and their derivatives dv/da, dv/db, dw/da, dw/db with respect to p_y
+    and p_z [1/rad].
     """
     scale = 2.0 / (1.0 + a * a + b * b)
     along = rx + a * ry + b * rz
@@ -373,7 +378,7 @@ def mirror_offsets(
 
 
 def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats, ...]:
-    """Return `mirror_offsets` of all cameras, shape (K, N), at points (x, y, z) of a mirror, shape (3, N) [m]."""
+    """Return `mirror_offsets` for all cameras, shape (K, N), at points (x, y, z) of a mirror, shape (3, N) [m]."""
     rays: Any = unit(*(layout.eyes.T[:, :, np.newaxis] - points[:, np.newaxis]))
     return mirror_offsets(a, b, *rays, layout.sun_y, layout.sun_z)
 
@@ -382,7 +387,7 @@ def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats
 FULL_SCALE = 1.25
 #: Number of plane waves of a wavy surface.
 WAVES = 48
-#: Bits for the reasons why a camera is not used at a pixel of the mirror, compatible with the flags of `slopes`.
+#: Bit flags of the reasons for excluding a camera at a pixel of the mirror, compatible with the flags of `slopes`.
 OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 64, 8, 16, 32, 4
 
 
@@ -392,9 +397,9 @@ class Pinholes(NamedTuple):
     Attributes
     ----------
     eyes : ndarray, shape (K, 3)
-        Positions in the mirror frame. [m]
+        Camera positions in the mirror frame. [m]
     axes : ndarray, shape (K, 3, 3)
-        Rows right, down and forward in the mirror frame. [1]
+        Axes of each camera in the mirror frame: rows right, down and forward. [1]
     focal : ndarray, shape (K,)
         Focal length. [pixels]
     centre : ndarray, shape (K, 2)
@@ -408,12 +413,12 @@ class Pinholes(NamedTuple):
 
 
 class Heliostat(NamedTuple):
-    """The true surface of M modules; created by `heliostat`.
+    """True surface of a heliostat with M modules; created by `heliostat`.
 
     Attributes
     ----------
     spheres : ndarray, shape (M, 4)
-        Centre (x, y, z) in the mirror frame, and radius. [m]
+        Centre (x, y, z) of each module's sphere in the mirror frame, and radius of the sphere. [m]
     turns : ndarray, shape (M, 3, 3)
         Rotation of each module; the columns are its x, y and z axes in the mirror frame. [1]
     pivots : ndarray, shape (M, 2, 3)
@@ -422,7 +427,7 @@ class Heliostat(NamedTuple):
         Half the width along y and half the height along z of each module. [m]
     waves : list of (ndarray, ndarray)
         Slopes of waviness of each module, shape (2, rows, columns) [rad], with z and y of the first pixel and the pixel
-        size [m]; empty without waviness.
+        size [m]. The list is empty without waviness.
     """
 
     spheres: Floats
@@ -435,14 +440,14 @@ class Heliostat(NamedTuple):
 def module_spheres(
     modules: Modules, focal_length: float, canting: ArrayLike, pointing: ArrayLike = (0.0, 0.0)
 ) -> Floats:
-    """Return the spheres on which M modules lie.
+    """Return the sphere on which the surface of each module lies.
 
     Parameters
     ----------
     modules : Modules
         M modules.
     focal_length : float
-        Focal length, half the radius. [m]
+        Focal length, which is half the radius of each sphere. [m]
     canting : array_like, shape (M, 2)
         Canting slopes (horizontal, vertical) of each module: a normal along x is rotated to (1, c_y, c_z). [rad]
     pointing : array_like, shape (2,)
@@ -451,7 +456,7 @@ def module_spheres(
     Returns
     -------
     ndarray, shape (M, 4)
-        Centre (x, y, z) in the mirror frame, and radius. [m]
+        Centre (x, y, z) of each sphere in the mirror frame, and radius of the sphere. [m]
     """
     radius, spheres = 2.0 * focal_length, []
     for (y, z), turn in zip(modules.centre, np.asarray(canting, np.float64), strict=True):
@@ -465,16 +470,17 @@ def module_spheres(
 def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
     """Return slopes (horizontal, vertical) of a random wavy surface at the pixels of a grid, shape (2, N). [rad]
 
-    The slopes are the gradient of a sum of plane waves. Their mean over each module is subtracted, because it would act
-    as canting. `rms` is the root mean square of the slopes over both directions and all pixels [rad]. The wavelengths
-    vary by one third about `length` [m]. A seed gives the same waves for any grid.
+    The slopes are the gradient of a sum of plane waves. The mean slope of each module is subtracted, because it would
+    act as canting. `rms` is the root mean square of the slopes over both directions and all pixels [rad]. The
+    wavelengths vary by one third about `length` [m]. The waves of a seed do not depend on the grid.
     """
     slopes, way = np.zeros(grid.pixels.shape), math.pi * (np.arange(WAVES) + 0.5) / WAVES
     draws = normal_draws(seed, 2, 3 * WAVES).reshape(WAVES, 3)
     for (size, phase, spread), angle in zip(draws, way, strict=True):
         wave = 2.0 * math.pi / (length * math.exp(spread / 3.0))
         c, s = math.cos(angle), math.sin(angle)
-        # All wavelengths have equal slopes. A normally distributed phase of many turns is practically uniform.
+        # The distribution of the slopes does not depend on the wavelength.
+        # A normally distributed phase with a standard deviation of 100 rad is practically uniform.
         slope = size * np.cos(wave * c * grid.pixels[0] + wave * s * grid.pixels[1] + 100.0 * phase)
         slopes += np.stack((c * slope, s * slope))
     for row in range(int(grid.pixel_module.max()) + 1):
@@ -486,17 +492,17 @@ def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
 def image_set(
     layout: Scene, grid: MirrorGrid, profile: Profile, spheres: Floats, wavy: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Render a heliostat in K cameras on the N pixels of a grid.
+    """Render the images of a heliostat in K cameras on the N pixels of a grid.
 
-    The heights of the waviness are neglected. For slopes of 0.3 mrad at a wavelength of 1 m, they would deflect a ray
-    by at most 1e-4 mrad.
+    The heights of the waviness are neglected. For slopes of 0.3 mrad at a wavelength of 1 m, the heights would deflect
+    a ray by at most 1e-4 mrad.
 
     Parameters
     ----------
     layout, grid, profile
-        Scene, pixels and profile of the sun.
+        Scene, pixel grid and profile of the sun.
     spheres : ndarray, shape (M, 4)
-        From `module_spheres`.
+        Spheres of the modules, from `module_spheres`. [m]
     wavy : ndarray, shape (2, N), optional
         Additional slopes from `waviness`. [rad]
 
@@ -517,7 +523,7 @@ def image_set(
 
 @kernel
 def _render(profile: Profile, squares: Floats) -> Floats:
-    """Return the brightness of the disc at squared angles from its centre [rad^2], any shape. [1]"""
+    """Return the brightness of the disc at squared angles from its centre [rad^2], with the shape of `squares`. [1]"""
     out = np.empty(squares.size)
     for k, square in enumerate(squares.flat):
         out[k] = rendered(profile, square)
@@ -535,11 +541,13 @@ def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, 
         Standard deviation of normal noise, relative to the disc centre. Without rounding to levels, brightness may
         become negative. [1]
     bits : int
-        Number of bits: there are 2^bits levels from 0 to `FULL_SCALE`. 0 means no rounding.
+        Number of bits of the camera. Brightness is rounded to 2^bits levels from 0 to `FULL_SCALE`, or not rounded if
+        `bits` is 0.
     seed : int
         Seed of the noise.
     pinhole : bool
-        If True, each camera has its own stream, so that the noise of a pixel does not depend on the number of cameras.
+        If True, each camera has its own stream of random numbers, so that the noise of a pixel does not depend on the
+        number of cameras.
 
     Returns
     -------
@@ -548,7 +556,7 @@ def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, 
     """
     out = images
     if noise > 0.0:
-        # Streams 1 and 2 are the noise of a sun profile and the waviness.
+        # Random streams 1 and 2 are reserved for the noise of a sun profile and for waviness.
         first, parts = (8, len(images)) if pinhole else (3, 1)
         draws = [normal_draws(seed, first + part, images.size // parts) for part in range(parts)]
         out = out + noise * np.reshape(draws, images.shape)
@@ -565,10 +573,10 @@ def heliostat(
     pointing: ArrayLike = (0.0, 0.0),
     wavy: tuple[MirrorGrid, Floats] | None = None,
 ) -> Heliostat:
-    """Return the true surface; parameters as in `module_spheres`.
+    """Return the true surface of a heliostat; see `module_spheres` for the first four parameters.
 
-    `wavy` contains a grid of pixels over the same modules, and the slopes of `waviness` at these pixels [rad]. Slopes
-    are linear between pixels, so the pixels should be small compared with the waves.
+    `wavy` contains a grid of pixels over these modules, and the slopes of `waviness` at these pixels [rad]. Slopes are
+    linear between pixels, so the pixels should be small compared with the waves.
     """
     rim = 2.0 * focal_length - np.sqrt(4.0 * focal_length**2 - np.sum(modules.centre**2, axis=1))
     before = np.column_stack((rim, modules.centre))
@@ -590,10 +598,11 @@ def heliostat(
 def camera_set(
     layout: Scene, cameras: Pinholes, shape: tuple[int, int], profile: Profile, mirror: Heliostat, supersampling: int
 ) -> Floats:
-    """Render a heliostat in K pinhole cameras, averaged over each pixel, shape (K, rows, columns). [1]
+    """Render the images of a heliostat in K pinhole cameras, shape (K, rows, columns). [1]
 
-    Brightness is relative to the disc centre, and 0 outside the disc and outside the modules. Camera positions are
-    taken from the scene. A pixel has `supersampling` x `supersampling` points.
+    Brightness is relative to the disc centre, and 0 outside the disc and outside the modules. The brightness of a pixel
+    is the mean over `supersampling` x `supersampling` points. The positions of the cameras come from `cameras`, the
+    sun's direction from `layout`.
     """
     fine = np.array(shape) * supersampling
     images = np.zeros((len(cameras.eyes), *fine))
@@ -628,10 +637,10 @@ def camera_set(
 
 
 def _hits(ray: Floats, ball: Floats, radius: float, turn: Floats, pivot: Floats) -> tuple[Floats, Floats]:
-    """Return lengths of rays to the concave side of a sphere, and y and z of the hits on the module [m].
+    """Return the lengths of rays to the concave side of a sphere, and y and z of the intersections on the module [m].
 
     `ball` is the vector from the sphere's centre to the camera, and `pivot` the vector from the camera to the module's
-    centre. Lengths are NaN for a miss.
+    centre. The length of a ray that misses the sphere is NaN.
     """
     half = np.tensordot(ball, ray, 1)
     with np.errstate(invalid="ignore"):
@@ -640,7 +649,7 @@ def _hits(ray: Floats, ball: Floats, radius: float, turn: Floats, pivot: Floats)
 
 
 def _between(slopes: Floats, corner: tuple[float, float, float], places: Floats) -> Floats:
-    """Return slopes (2, n) of waviness at positions (y, z), linear between pixels and constant outside the pixels."""
+    """Interpolate slopes of waviness linearly at positions (y, z), shape (2, n), with constant values outside."""
     from scipy.ndimage import map_coordinates
 
     at = [(places[1] - corner[0]) / corner[2], (places[0] - corner[1]) / corner[2]]
@@ -665,7 +674,7 @@ def pinholes(
     centre: ArrayLike | None = None,
     roll: ArrayLike = 0.0,
 ) -> Pinholes:
-    """Return the cameras of a scene as pinholes that look at the heliostat's centre.
+    """Return a pinhole camera at each camera position of a scene, directed at the heliostat's centre.
 
     Parameters
     ----------
@@ -714,9 +723,10 @@ def places_of(cameras: Pinholes, focal_length: float, pixels: Floats) -> Floats:
 
 
 def homography(here: Floats, there: Floats) -> Floats:
-    """Return the matrix H, shape (3, 3), that projects four points of a plane onto four others: `there` ~ H (here, 1).
+    """Return the matrix H, shape (3, 3), that maps four points of a plane to four others: `there` ~ H (here, 1).
 
-    The points have shape (4, 2). Raises ValueError if three points are in one line, or if the map reverses their order.
+    The points have shape (4, 2). ValueError is raised if three points are in one line, or if the map reverses the order
+    of the points.
     """
     (x, y), (u, v), one, none = here.T, there.T, np.ones(4), np.zeros(4)
     rows = np.concatenate(
@@ -735,7 +745,7 @@ def homography(here: Floats, there: Floats) -> Floats:
 
 
 def moved(matrix: Floats, points: Floats) -> Floats:
-    """Apply a homography to points (2, N)."""
+    """Apply a homography to points, shape (2, N)."""
     x, y, depth = matrix @ np.stack((*points, np.ones_like(points[0])))
     return np.stack((x / depth, y / depth))
 
@@ -751,7 +761,7 @@ def rectify(
     saturation: ArrayLike = math.inf,
     threshold: float = -math.inf,
 ) -> tuple[Floats, Integers, Floats]:
-    """Interpolate images on the pixels of a mirror.
+    """Interpolate images at the pixels of a mirror.
 
     Parameters
     ----------
@@ -765,7 +775,7 @@ def rectify(
     grid : MirrorGrid
         N pixels on modules.
     corners : array_like, shape (K, 4, 2), optional
-        Positions of the corners of `outline` in each image, in the same order; NaN for an image whose geometry is
+        Positions of the corners in each image, in the order of `outline`; NaN for an image whose pinhole geometry is
         exact. [pixels]
     saturation : array_like, shape () or (K,)
         Minimum value of a saturated pixel.
@@ -777,10 +787,10 @@ def rectify(
     values : ndarray, shape (K, N)
         Interpolated brightness; NaN if `flags` is not 0.
     flags : ndarray of int, shape (K, N)
-        Sums of `OUT_OF_FRAME`, `AT_EDGE`, `SATURATED`, `NOT_A_NUMBER` and `AT_LIMB`.
+        Sum of the flags that apply: `OUT_OF_FRAME`, `AT_EDGE`, `SATURATED`, `NOT_A_NUMBER` and `AT_LIMB`.
     noise : ndarray, shape (K, N)
-        Standard deviation of the value for image pixels of standard deviation 1: the root of the sum of squared
-        weights.
+        Standard deviation of the interpolated brightness if image pixels have the standard deviation 1: the root of the
+        sum of squared weights.
 
     Raises
     ------
@@ -805,7 +815,7 @@ def rectify(
         column, row = (np.where(inside, at, 1.0).astype(np.int64) for at in (u, v))
         # The block of 4 x 4 pixels and the module are both convex, so testing the corners of the block is sufficient.
         ahead = np.roll(quads.reshape(2, -1, 4), -1, axis=-1) - quads.reshape(2, -1, 4)
-        # pointing inwards; corners are clockwise in the image
+        # normals of the edges, pointing inwards; the corners are clockwise in the image
         n_u, n_v = np.array([-ahead[1], ahead[0]]) / np.hypot(*ahead)
         shift = -(n_u * quads[0].reshape(-1, 4) + n_v * quads[1].reshape(-1, 4))
         n_u, n_v, shift = (each[grid.pixel_module].T for each in (n_u, n_v, shift))
@@ -816,7 +826,7 @@ def rectify(
             weight, value = _weight(u - here_u) * _weight(v - here_v), images[i, here_v, here_u]
             flags[i] |= NOT_A_NUMBER * np.isnan(value) | SATURATED * (value >= limits[i])
             total, square, dark = total + weight * value, square + weight * weight, dark + (value < threshold)
-        # 0.1 pixels are a margin for registration errors
+        # a margin of 0.1 pixels allows for registration errors
         flags[i] |= AT_EDGE * ~np.all(far >= 0.1, axis=0) | AT_LIMB * ((dark > 0) & (dark < 16))
         flags[i] = np.where(inside, flags[i], OUT_OF_FRAME)
         values[i], noise[i] = np.where(flags[i] == 0, (total, np.sqrt(square)), np.nan)
@@ -864,7 +874,7 @@ def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modul
     Returns
     -------
     ndarray, shape (K, N)
-        Images on the pixels of the mirror.
+        Brightness at the pixels of the mirror.
     """
     from scipy.ndimage import map_coordinates
 
@@ -877,7 +887,7 @@ def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modul
         linear = np.linalg.lstsq(np.vstack((corners, np.ones(4))).T, end.T, rcond=None)[0][:2].T
         angle = math.atan2(linear[1, 0], linear[0, 0])
         c, s = math.cos(angle), math.sin(angle)
-        stretch = np.array([[c, s], [-s, c]]) @ linear  # pixels per metre; the first column is along the rows
+        stretch = np.array([[c, s], [-s, c]]) @ linear  # [pixels/m]; the first column is along the image rows
         upright = rotate(padded[i], -angle)
         y, z = np.tensordot(np.linalg.inv(stretch), steps - middle, 1)
         inside = np.zeros(upright.shape)

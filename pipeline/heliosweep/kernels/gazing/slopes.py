@@ -1,28 +1,30 @@
 """Mirror slopes from images: linear least squares (A), Nelder-Mead (O1, O2) and Levenberg-Marquardt (LM) [1]_.
 
 Method A: the camera at m_i sees a point of the disc at the angle eps_i from the disc's centre, and eps_i^2 = |m_i -
-w|^2 except for the aberrations of the mirror. In the ideal mirror, the camera would see eps0_i at the same pixel. The
-difference is linear in the deviation d = w - w_ideal of the wavefront slopes: eps_i^2 - eps0_i^2 = -2 m_i.d + c. Mirror
-slopes are p = T d, with T from `geometry.transfers`. At least 3 lit cameras are required.
+w|^2 except for the aberrations of the mirror. In the ideal mirror, the camera would see the angle eps0_i at this pixel.
+The difference of the squared angles is linear in the deviation d = w - w_ideal of the wavefront slopes: eps_i^2 -
+eps0_i^2 = -2 m_i.d + c. Mirror slopes are p = T d, with T from `geometry.transfers`. At least 3 lit cameras are
+required.
 
-Method O1 minimises the sum over the lit cameras of (g B(|m_i - w|) - I_i)^2 over the wavefront slope w. Methods O2 and
-LM trace the rays back and minimise the sum of (g B(eps_i(p)) - I_i)^2 over the mirror slope p. All three methods start
-from the result of method A. The gain g of a pixel is 1, or it is fitted to minimise the sum. LM then removes the
-direction of g from the derivatives (variable projection [2]_).
+Method O1 varies the wavefront slope w to minimise the sum of (g B(|m_i - w|) - I_i)^2 over the lit cameras, where B is
+the brightness profile of the sun and I_i the measured brightness. Methods O2 and LM trace the rays back and vary the
+mirror slope p to minimise the sum of (g B(eps_i(p)) - I_i)^2. All three methods start from the result of method A. The
+gain g of a pixel is 1, or it is fitted to minimise the sum. If g is fitted, LM removes the direction of g from the
+derivatives (variable projection [2]_).
 
 The simplex uses the same steps as ``scipy.optimize.minimize(method="Nelder-Mead")``: reflection 1, expansion 2,
-contraction and shrinkage 1/2. If values are equal, the older vertex comes first.
+contraction and shrinkage 1/2. If two vertices have equal values, the older vertex comes first.
 
-A noisy table has a local minimum of the merit at each kink. LM therefore starts with the analytic curve that fits the
-table best, then uses the table with decreasing smoothing, and finally the table.
+If the profile is a noisy table, the merit has a local minimum at each kink of the table. LM therefore starts with the
+analytic curve that fits the table best, then uses the table with decreasing smoothing, and finally the table itself.
 
 Canting, pointing and focal length of the modules follow from maps of slopes. A plane, p = c + k (position - module
-centre), is fitted to the slopes of each module. Its value c at the module's centre is the slope that the adjusting
-screws would have to correct. The common curvature k = dp/dy = dp/dz of all modules gives their focal length f: k = 1 /
-2 f0 - 1 / 2 f. The pointing of the heliostat is the median over the modules of c - k (module centre), relative to the
-heliostat's own sphere. It is not affected by a deviating focal length or by a few bad modules. Canting is c minus the
-pointing, relative to the ideal heliostat. Modules on a sphere of another focal length therefore have a canting as well.
-A single slope cannot separate canting and pointing.
+centre), is fitted to the slopes of each module. The value c of the plane at the module's centre is the slope that the
+adjusting screws would have to correct. The common curvature k = dp/dy = dp/dz of all modules gives their focal length
+f: k = 1 / 2 f0 - 1 / 2 f. The pointing of the heliostat is the median over the modules of c - k (module centre),
+relative to the heliostat's own sphere. A deviating focal length or a few bad modules do not affect the pointing.
+Canting is c minus the pointing, relative to the ideal heliostat. Modules on a sphere of another focal length therefore
+have a canting as well. Canting and pointing cannot be distinguished from the slope of a single module.
 
 The gradients of both slopes of a module give its curvature, the symmetric matrix C = I / 2 f0 - K. The diagonal of K
 contains dp_y/dy and dp_z/dz. The off-diagonal element is the mean of dp_y/dz and dp_z/dy, which are equal on any smooth
@@ -59,11 +61,10 @@ from heliosweep.kernels.gazing.geometry import (
 from heliosweep.kernels.profiles import Profile, brightness, inverse_squares, smooth_fit, smoothed
 
 Flags = NDArray[np.uint8]
-#: Flags of a pixel. `NOT_CONVERGED`: The search ended at its limit. `UNLIT`: Fewer than 3 cameras are lit. `OUTSIDE`:
-#: At the slopes of LM, a lit camera looks outside the disc, and the profile is replaced by its tangent.
+#: Flags of a pixel. `NOT_CONVERGED`: The search ended before it converged. `UNLIT`: Fewer than 3 cameras are lit.
+#: `OUTSIDE`: At the slopes of LM, a lit camera looks outside the disc, where the profile is replaced by its tangent.
 NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
-#: Side of the first simplex [rad], size of the last simplex [rad], range of its merit [1], and maximum number of
-#: evaluations.
+#: Side of the first simplex [rad], size [rad] and merit range [1] of the last simplex, and limit of evaluations.
 SIMPLEX, XATOL, FATOL, LIMIT = 0.5e-3, 1e-7, 1e-10, 400
 #: Maximum step of LM. [rad]
 _FARTHEST = 1e-3
@@ -76,16 +77,17 @@ class SlopeFit(NamedTuple):
     Attributes
     ----------
     slopes : ndarray, shape (2, N)
-        Slopes p relative to the ideal mirror, or w for O1, horizontal and vertical. [rad]
+        Horizontal and vertical slopes: p relative to the ideal mirror, or wavefront slopes w for O1. [rad]
     deviation : ndarray, shape (2, N)
-        Standard deviation of the slopes of LM for camera noise of standard deviation 1. This is the Cramer-Rao bound;
-        for a tabulated profile, it is the bound of the smooth fit to the table. The value is NaN for O1 and O2. [rad]
+        Standard deviation of the slopes of LM for camera noise of standard deviation 1. This is the Cramer-Rao bound.
+        For a tabulated profile, the bound is computed from the smooth fit to the table. The value is NaN for O1 and O2.
+        [rad]
     gain, merit : ndarray, shape (N,)
         Gain g, which is 1 if it is not fitted, and the minimum sum of squares. [1]
     evaluations : ndarray of int, shape (N,)
         Number of evaluations of the merit in all stages.
     flags : ndarray of uint8, shape (N,)
-        Sum of `NOT_CONVERGED`, `UNLIT` and `OUTSIDE`.
+        Sum of the flags that apply: `NOT_CONVERGED`, `UNLIT` and `OUTSIDE`.
     """
 
     slopes: Floats
@@ -124,11 +126,11 @@ def fit_slopes(
     layout : Scene
         K cameras.
     profile : Profile or sequence of Profile
-        Sun profile, or the stages of LM from `graduated`.
+        Sun profile, or the profiles of the stages of LM from `graduated`.
     images : array_like, shape (K, N)
         Brightness relative to the disc centre. [1]
     start : array_like, shape (2, N)
-        Initial p, from method A; values that are not finite are replaced by 0. [rad]
+        Initial slopes, from method A; values that are not finite are replaced by 0. [rad]
     pixels : array_like, shape (2, N)
         Coordinates y and z of the pixels, relative to the mirror centre. [m]
     threshold : float
@@ -150,20 +152,20 @@ def fit_slopes(
     if method == "LM" and isinstance(profile, Profile):
         stages = graduated(profile)
     for n, stage in enumerate(stages):
-        # length of the last step, in rad
+        # maximum length of the last step [rad]
         enough = 1e-5 if n + 1 < len(stages) else 1e-8 if stage.table.size > 0 else 1e-11
         kind = method == "O1", method == "LM"
         _fit(*kind, layout, stage, brightnesses, places, threshold, fit_gain, enough, limit, fit, evaluations, flags)
-        if n == 0:  # a noisy table and the sun's disc differ in steepness
+        if n == 0:  # the steepness of a noisy table differs from the steepness of the sun's disc
             deviation = fit[2:4].copy()
     return SlopeFit(fit[:2], deviation, fit[4], fit[5], evaluations, flags)
 
 
 def look_back(layout: Scene, profile: Profile, pixels: Floats, slopes: Floats) -> Floats:
-    """Trace rays from K cameras over mirror slopes p, shape (2, N) [rad], at pixels (y, z), shape (2, N) [m].
+    """Trace rays from K cameras back to the sun, for slopes p (2, N) [rad] at pixels (y, z), shape (2, N) [m].
 
-    Returns the square of the angle from the disc centre [rad^2], the brightness [1] and its derivatives by p [1/rad],
-    shape (4, K, N).
+    Returns the square of the angle from the disc centre [rad^2], the brightness [1] and its derivatives with respect to
+    p [1/rad], shape (4, K, N).
     """
     x, a, b = ideal_mirror(layout.focal_length, *pixels)
     v, w, va, vb, wa, wb = offsets(layout, np.stack((x, *pixels)), a + slopes[0], b + slopes[1])
@@ -174,7 +176,7 @@ def look_back(layout: Scene, profile: Profile, pixels: Floats, slopes: Floats) -
 
 @kernel
 def _brightness_of(profile: Profile, squares: Floats) -> Floats:
-    """Return the results of `brightness` at squared angles (n,), shape (2, n)."""
+    """Return both results of `brightness` at n squared angles, shape (2, n)."""
     out = np.empty((2, squares.size))
     for k in range(squares.size):
         out[0, k], out[1, k] = brightness(profile, squares[k])
@@ -182,7 +184,7 @@ def _brightness_of(profile: Profile, squares: Floats) -> Floats:
 
 
 def residual_squares(seen: Floats, images: Floats, threshold: float, fit_gain: bool) -> Floats:
-    """Return the sums of squared residuals over the lit cameras, shape (N,), for brightnesses and images (K, N)."""
+    """Return the sum of squared residuals of each pixel over the lit cameras, for brightness and images (K, N)."""
     lit = images >= threshold  # False for NaN
     values, bright = np.where(lit, seen, 0.0), np.where(lit, images, 0.0)
     gain = np.sum(values * bright, axis=0) / (_TINY + np.sum(values**2, axis=0)) if fit_gain else 1.0
@@ -191,7 +193,11 @@ def residual_squares(seen: Floats, images: Floats, threshold: float, fit_gain: b
 
 @inner
 def _equations(task, a, b):
-    """Return the sum of squares, gain, True if a camera looks outside the disc, J^T J and J^T r at slopes (a, b)."""
+    """Return merit, gain, a flag, J^T J and J^T r at slopes (a, b).
+
+    The merit is the sum of the squared residuals r, and J their derivative with respect to the slopes. The flag is True
+    if a camera looks outside the disc.
+    """
     wavefront, sun_y, sun_z, profile, fit_gain, rays, bright, rows, count = task
     gain, along_a, along_b, product, square, outside = 1.0, 0.0, 0.0, 0.0, _TINY, False
     for i in range(count):
@@ -223,9 +229,10 @@ def _fit(
     wavefront: bool, levenberg: bool, layout: Scene, profile: Profile, images: Floats, pixels: Floats, threshold: float,
     fit_gain: bool, enough: float, limit: int, fit: Floats, evaluations: Integers, flags: Flags,
 ) -> None:  # fmt: skip
-    """Fit all pixels (y, z), shape (2, N) [m], for one profile by O1 (`wavefront`), LM (`levenberg`) or else O2.
+    """Fit all pixels (y, z), shape (2, N) [m], for one profile: O1 if `wavefront`, LM if `levenberg`, otherwise O2.
 
-    `fit` has rows of slopes, deviations, gain and merit; it initially contains the starting slopes. [rad]
+    The rows of `fit` are two slopes, two deviations, gain and merit. Initially, `fit` contains the starting slopes.
+    [rad]
     """
     cameras = images.shape[0]
     rays, bright, rows, simplex = np.empty((cameras, 3)), np.empty(cameras), np.empty((cameras, 3)), np.empty((5, 3))
@@ -261,9 +268,9 @@ def _fit(
 def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
     """Minimise a function of (a + x, b + y) over x and y, starting from three vertices (x, y, value).
 
-    `simplex` has five rows: the vertices and scratch. Returns the number of evaluations and the second result of the
-    last evaluation. The search ends if all vertices are within `xatol` of the best vertex in both coordinates and
-    within `fatol` in value, or at the limit of evaluations. On return, the first vertex is the minimum.
+    `simplex` has five rows: three vertices and two trial points. Returns the number of evaluations and the second
+    return value of the last evaluation. The search ends if all vertices are within `xatol` of the best vertex in both
+    coordinates and within `fatol` in value, or at the limit of evaluations. On return, the first vertex is the minimum.
     """
     count, last = 3, 0.0
     for j in range(3):
@@ -296,7 +303,7 @@ def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
 
 @inline
 def _beyond(simplex, far):
-    """Return the worst vertex moved along the line to the midpoint of the others, by `far` times the distance."""
+    """Return the worst vertex moved along the line to the midpoint of the other two, by `far` times the distance."""
     cx, cy = (simplex[0, 0] + simplex[1, 0]) / 2.0, (simplex[0, 1] + simplex[1, 1]) / 2.0
     return far * cx + (1.0 - far) * simplex[2, 0], far * cy + (1.0 - far) * simplex[2, 1]
 
@@ -305,7 +312,7 @@ def _beyond(simplex, far):
 def _second_trial(function, task, a, b, simplex):
     """Try an expansion or a contraction (outside or inside) after the reflection in row 3.
 
-    Returns the row that replaces the worst vertex, or 2 for shrinkage, and the second result of the function.
+    Returns the row that replaces the worst vertex, or 2 for shrinkage, and the second return value of the function.
     """
     value, worst = simplex[3, 2], simplex[2, 2]
     far = 3.0 if value < simplex[0, 2] else 1.5 if value < worst else 0.5
@@ -360,7 +367,7 @@ def _levenberg_marquardt(task, ideal_a, ideal_b, n, enough, limit, fit):
 
 
 def solutions(gaze: Floats) -> Floats:
-    """Return least-squares solutions for each set of lit cameras.
+    """Return the least-squares solution of method A for each set of lit cameras.
 
     The cameras are at m_i = `gaze`, shape (K, 2) [rad], with K from 3 to 8. Row s of the result, shape (2^K, 2, K)
     [1/rad], belongs to the set of cameras i for which bit i of s is 1. The deviation is d = row . (eps0_i^2 - eps_i^2)
@@ -438,8 +445,8 @@ def slope_bound(
     slopes : ndarray, shape (2, N)
         Slopes p. [rad]
     noise : array_like, shape (), (N,) or (K, N)
-        Standard deviation of normal noise in each image, relative to the disc centre in the image. It is therefore
-        divided by the gain of the cameras. Cameras with NaN are excluded. [1]
+        Standard deviation of normal noise in each image, relative to the disc centre in the image. For cameras with a
+        gain, it is the noise of the camera divided by the gain. Cameras with NaN are excluded. [1]
     fit_gain : bool
         If True, the slopes are fitted together with a gain for each pixel, common to all cameras.
     lit : ndarray of int, shape (N,), optional
@@ -473,7 +480,8 @@ def slope_bound(
 
 #: Number of blocks along each side of a module, for correlated errors of neighbouring pixels.
 _BLOCKS = 4
-#: Number of draws for the standard errors of pointing and canting, which gives these a random error of 1.6 %.
+#: Number of random draws for the standard errors of pointing and canting. The relative random error of the standard
+#: errors is then 1.6 %.
 _DRAWS = 2000
 
 
@@ -491,9 +499,9 @@ def _draws(modules: int) -> Floats:
 def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats) -> tuple[Floats, Floats]:
     """Return standard errors of pointing (2,) and canting (2, M), from random draws of the errors of the modules.
 
-    `away` (2, M) contains the slopes of the modules minus the slopes of the heliostat's own sphere and the pointing
-    [rad]. `variance` (2, M, 3) contains the variances and the covariance of level and curvature. `weight` is the weight
-    of each module in the curvature of the heliostat. `lever` (2, M) contains the modules' centres [m].
+    `away` (2, M) contains the slopes of the modules minus the slopes of the heliostat's own sphere and minus the
+    pointing [rad]. `variance` (2, M, 3) contains the variances and the covariance of level and curvature. `weight` is
+    the weight of each module in the curvature of the heliostat. `lever` (2, M) contains the modules' centres [m].
     """
     draws = _draws(away.shape[1])
     spread = np.sqrt(variance[:, :, 0])
@@ -503,9 +511,9 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
         level = spread * draws[:, 0]
         bend = np.sum(weight * (slant * draws[:, 0] + rest * draws[:, 1]), axis=(1, 2))
         moved = level - bend[:, np.newaxis, np.newaxis] * lever
-        # The distances already contain scatter. Distances that are explained by errors are removed before the draws.
-        # Modules within 1.3 standard errors of the pointing are moved to it; errors are then accurate to 10 % for 8
-        # modules.
+        # The values in `away` already contain errors of the modules. The part that errors can explain is removed before
+        # errors are drawn. Modules within 1.3 standard errors of the pointing are moved to the pointing. The standard
+        # errors are then accurate to 10 % for 8 modules.
         share = 1.0 - 1.3**2 * np.mean(moved**2, axis=0) / away**2
     pointing = np.median(away * np.where(share > 0.0, share, 0.0) + moved, axis=2)
     off = pointing - pointing.mean(axis=0)
@@ -517,8 +525,8 @@ def module_statistics(
 ) -> tuple[Floats, Floats, Integers]:
     """Return the mean, the root mean square and the number of usable pixels over the modules, shape (..., M) each.
 
-    `values` (..., N) are NaN if unknown. `module` is the row of each pixel's module, `use` is False for excluded
-    pixels, and M is `count`. Results are NaN for a module without usable pixels.
+    `values`, shape (..., N), are NaN at pixels without a value. `module` is the row of each pixel's module, `use` is
+    False for excluded pixels, and M is `count`. Results are NaN for a module without usable pixels.
     """
     rows = values.reshape(-1, values.shape[-1])
     used = [use & ~np.isnan(row) for row in rows]
@@ -542,14 +550,15 @@ def module_estimates(
 ) -> dict[str, Any]:
     """Estimate canting, pointing and focal length from slopes p (2, N) relative to the ideal mirror. [rad]
 
-    Unknown slopes are NaN. `use` marks usable pixels of M modules, from `eroded`. `focal_length` is f0 of the ideal
-    mirror [m]. If `deviation`, the standard deviation of the noise of each slope (2, N) [rad], is given, the noise is
-    subtracted from the waviness.
+    Slopes are NaN at pixels without a value. `use` is True for the usable pixels of M modules, from `eroded`.
+    `focal_length` is f0 of the ideal mirror [m]. `deviation` is the standard deviation of the noise of each slope,
+    shape (2, N) [rad]. If `deviation` is specified, the noise is subtracted from the waviness.
 
     Standard errors follow from the scatter of each module about its plane. If the scatter of neighbouring pixels is
-    correlated, as on a wavy mirror, blocks of one sixteenth of a module count as independent. The errors of pointing
-    and canting are errors of the median. If the central modules differ strongly, only one or two modules determine this
-    error. Errors common to a whole module or heliostat, such as an error of the sun profile, are not included.
+    correlated, as on a wavy mirror, blocks of one sixteenth of a module are treated as independent samples. The
+    standard errors of pointing and canting are the errors of a median. If the modules with slopes near the median
+    differ strongly, only one or two modules determine the error of the median. Errors common to a whole module or
+    heliostat, such as an error of the sun profile, are not included.
 
     The function returns the following values, which are NaN if too few pixels are usable. An axis of length 2 contains
     the horizontal and the vertical component.
@@ -606,7 +615,7 @@ def _principal(
 ) -> dict[str, Floats]:
     """Return principal focal lengths and axes of modules, with standard errors, from gradients (2, M) of both slopes.
 
-    `along` has dp_y/dy and dp_z/dz, and `across` has dp_y/dz and dp_z/dy. [1/m]
+    `along` contains dp_y/dy and dp_z/dz, and `across` contains dp_y/dz and dp_z/dy. [1/m]
     """
     yy, zz = 0.5 / focal_length - along
     yz, shear = -0.5 * across.sum(axis=0), 0.25 * across_variance.sum(axis=0)
@@ -627,7 +636,7 @@ def _principal(
 def _inflation(shared: Floats) -> Floats:
     """Return, for each direction, the ratio of the block variance to the variance expected for independent pixels.
 
-    The ratio is 1 if the excess is not significant.
+    The ratio is set to 1 if it is not significantly above 1.
     """
     seen = np.isfinite(shared[0])
     if not np.any(seen):
@@ -652,13 +661,13 @@ def _pooled(values: Floats, variances: Floats) -> tuple[Floats, float, float]:
 
 
 def _plane(slopes: Floats, noise: Floats, offset: Floats, size: Floats) -> Floats:
-    """Fit planes to the slopes of a module, given their noise and offsets from the module's centre, all (2, n).
+    """Fit planes to the slopes of a module. Slopes, noise and offsets from the module's centre have shape (2, n).
 
-    Returns nine quantities for each direction, shape (9, 2), NaN if there are too few pixels. The first three are the
-    value at the centre, and the gradients along and across the direction of the slope. Four quantities follow from the
-    residuals: the variances of the value and of the gradient along, their covariance, and the variance of the gradient
-    across. The last two are the root mean square of the residuals minus known noise, and the squared sums of the
-    residuals over blocks, relative to independent pixels.
+    Returns nine quantities for each direction, shape (9, 2), or NaN if there are too few pixels. The first three are
+    the value at the centre, and the gradients along and across the direction of the slope. Four quantities follow from
+    the residuals: the variances of the value and of the gradient along, their covariance, and the variance of the
+    gradient across. The last two are the root mean square of the residuals minus known noise, and the squared sums of
+    the residuals over blocks, relative to the value for independent pixels.
     """
     n = offset.shape[1]
     mean = offset.sum(axis=1) / max(n, 1)
