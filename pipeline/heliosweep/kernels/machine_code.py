@@ -26,7 +26,7 @@ def compile_in_parts(whole: Any, part: Any) -> None:
     Parameters
     ----------
     whole, part : numba.core.dispatcher.Dispatcher
-        The kernel with and without its interface to Python. Each is compiled on its first call.
+        The kernel with and without its interface to Python. Both dispatchers compile on their first call.
     """
     if numba.version_info.short != (0, 68):  # not tested
         return
@@ -50,7 +50,7 @@ def compile_in_parts(whole: Any, part: Any) -> None:
 
 @contextmanager
 def _parts() -> Iterator[None]:
-    """Use `_Library` and `_call_type` for compilation, and pause garbage collection, which takes 10 % of the time."""
+    """Compile with `_Library` and `_call_type`, and pause garbage collection, which takes 10 % of the time."""
     cpu_target.target_context.refresh()  # registers all functions of the compiler
     codegen: Any = cpu_target.target_context.codegen()
     before = codegen._library_class, _Function.get_call_type, gc.isenabled()

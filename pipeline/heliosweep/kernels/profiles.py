@@ -12,10 +12,10 @@ References
 .. [2] P.-H. Defieux, C. Caliot and F. Henault, "Hybrid optical method for characterizing a heliostat field in a
    concentrated solar power plant", AIP Conf. Proc. 2303 (2020) 100002, doi 10.1063/5.0029270, Eq. 7
 
-The disc in an image is the region brighter than half its limb. The centroid and the area of this region give the centre
-and the radius of the disc, with errors below one pixel. A profile consists of medians over rings about the centroid,
-which suppress dust and hot pixels. Rings at the limb contain pixels of disc and sky. In these rings, the profile is
-therefore extrapolated linearly in c = sqrt(1 - u^xi), because the formula of Jose is linear in c.
+The disc in an image is the region that is brighter than half the brightness of the limb. The centroid and the area of
+this region give the centre and the radius of the disc, with errors below one pixel. A profile consists of medians over
+rings about the centroid, which suppress dust and hot pixels. Rings at the limb contain pixels of disc and sky. In these
+rings, the profile is therefore extrapolated linearly in c = sqrt(1 - u^xi), because the formula of Jose is linear in c.
 """
 
 import math
@@ -40,10 +40,10 @@ _TINY = 1e-60
 
 
 class Profile(NamedTuple):
-    """A sun profile in the form that kernels need; created by `jose` or `tabulated`.
+    """Sun profile in the form that the kernels need; created by `jose` or `tabulated`.
 
     Brightness is relative to the disc centre, and angles are measured from the disc centre. All kinds of profiles have
-    one type, so that a kernel is compiled once.
+    one type, so that kernels are compiled only once.
     """
 
     #: Angular radius eps_max. [rad]
@@ -74,10 +74,10 @@ class Profile(NamedTuple):
 
 @inline
 def brightness(profile, square):
-    """Return the brightness, with the tangent beyond 0.9995 eps_max, and its slope (dB/deps) / eps [1/rad^2].
+    """Return the brightness and its slope (dB/deps) / eps [1/rad^2], both on the tangent beyond 0.9995 eps_max.
 
-    `square` is the square of the angle eps from the disc centre [rad^2]. With eps^2 = v^2 + w^2, the slope gives dB/dp
-    = slope (v dv/dp + w dw/dp).
+    `square` is the squared angle eps^2 from the disc centre [rad^2]. If eps^2 = v^2 + w^2, the derivative with respect
+    to a parameter p is dB/dp = slope (v dv/dp + w dw/dp).
     """
     square = max(square, _TINY)
     if square >= profile.edge * profile.edge:
@@ -114,8 +114,8 @@ def rendered(profile, square):
 def inverse_squares(profile: Profile, values: Floats) -> Floats:
     """Return the squared angles at which the brightness of a profile, including its tangent, equals `values`. [rad^2]
 
-    The result has the shape of `values` and is 0 for values above the maximum brightness. A table is inverted through
-    its monotone envelope.
+    The result has the shape of `values` and is 0 for values above the maximum brightness. A tabulated profile is
+    inverted through its monotone envelope.
     """
     envelope = profile.envelope
     with np.errstate(invalid="ignore"):
@@ -135,17 +135,19 @@ def inverse_squares(profile: Profile, values: Floats) -> Floats:
 def jose(limb: float = LIMB, radius: float = EPS_MAX, power: float = POWER) -> Profile:
     """Return the profile of the generalised formula of Jose, A + (1 - A) sqrt(1 - (eps / eps_max)^xi).
 
-    `limb` is A [1], from 0 to less than 1, `radius` is eps_max [rad] and `power` is xi [1].
+    `limb` is the brightness A at the limb, at least 0 and less than 1 [1]. `radius` is the angular radius eps_max
+    [rad], and `power` is the exponent xi [1].
     """
     return analytic((limb, 1.0 - limb, 0.0, 0.0), radius, power, np.empty(0))
 
 
 def tabulated(brightness: ArrayLike, angle: ArrayLike | None = None) -> Profile:
-    """Return a profile from a table of brightness, linear between its nodes.
+    """Return a profile that is linear between the nodes of a brightness table.
 
     `brightness`, shape (n,), is relative to the disc centre, must not be negative, and is not scaled. The table ends at
     eps_max unless `angle` contains the angle of each value, ascending from 0 [rad]. If the angles are not uniform, the
-    table is interpolated at uniform nodes, spaced by the smallest step of the angles, but at most 4096 nodes.
+    table is interpolated at uniform nodes. The spacing of these nodes is the smallest step of the angles, but there are
+    at most 4096 nodes.
 
     The tangent at the edge has the steeper of the mean slopes over the last cell and over the last twentieth of the
     nodes. Due to noise, the brightness may increase over the last cell, and an increasing tangent has no inverse.
@@ -221,9 +223,9 @@ def falling_envelope(values: Floats) -> Floats:
 def noisy(profile: Profile, noise: float, nodes: int = 120, seed: int = 0) -> Profile:
     """Return a profile tabulated at uniform nodes, including both ends, with normal noise at each node.
 
-    `noise` is the standard deviation relative to the disc centre [1]; `nodes` must be at least 3. `seed` is the key of
-    the counter-based generator, so the noise of node k does not depend on the number of nodes. Values that become
-    negative due to noise are set to 0.
+    `noise` is the standard deviation relative to the brightness of the disc centre [1]. The number of nodes, `nodes`,
+    must be at least 3. `seed` is the key of the counter-based generator, so the noise of node k does not depend on the
+    number of nodes. Values that become negative due to noise are set to 0.
     """
     clean = render(profile, np.linspace(0.0, profile.radius, nodes))
     table = np.maximum(clean + noise * normal_draws(seed, 1, nodes), 0.0)
@@ -271,9 +273,9 @@ def smooth_fit(profile: Profile) -> Profile:
 def normal_draws(seed: int, stream: int, count: int) -> Floats:
     """Return standard normal numbers from the counter-based generator Philox 4x64.
 
-    Number k depends only on the key and k. The key consists of `seed` and `stream`, which must not be negative; each
-    purpose has its own stream. The result has the shape (count,). Pairs of numbers are computed by the Box-Muller
-    transform.
+    The number at index k depends only on k and on the key. The key consists of `seed` and `stream`, which must not be
+    negative; each purpose has its own stream. The result has the shape (count,). Pairs of numbers are computed by the
+    Box-Muller transform.
     """
     pairs = (count + 1) // 2
     raw = Philox(key=np.array([seed, stream], np.uint64)).random_raw(2 * pairs)

@@ -1,10 +1,10 @@
 """Ray tracing of a heliostat field: shading, blocking, spillage and flux in one loop.
 
 A block of rays is traced for each heliostat and instant. A ray has a point on the reflecting area, a direction to a
-point of the sun, and random errors of slope and specularity. All of these come from scrambled Sobol sequences [1]_.
-Eight independent sequences are used in parallel, and their spread gives the standard error of each result. Coordinates
-are relative to the mirror's centre, in single precision. Rounding errors are about 60 micrometres at a distance of 1
-km.
+point of the sun, and random errors of slope and specularity. Points, directions and errors come from scrambled Sobol
+sequences [1]_. Eight independent sequences are used in parallel, and their spread gives the standard error of each
+result. Coordinates are relative to the mirror's centre, in single precision. Rounding errors are about 60 micrometres
+at a distance of 1 km.
 
 References
 ----------
@@ -117,7 +117,7 @@ def cylinder(centre: tuple[float, float, float], radius: float, height: float) -
 
 
 class SlopeMap(NamedTuple):
-    """Slopes of mirrors on a uniform grid; bilinear between its points, constant beyond them.
+    """Slopes of mirrors on a uniform grid, bilinear between the grid points and constant outside the grid.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class Scene(NamedTuple):
     mounts : ndarray, shape (N, 6), or (0, 6) without errors
         Errors of the mounts, in the order of `mounts.ERRORS`. [rad]
     tower : (float, float) or None
-        Radius and top of an upright cylinder at x = y = 0 that shades the mirrors. [m]
+        Radius and top height of an upright cylinder at x = y = 0 that shades the mirrors. [m]
     """
 
     centre: Floats
@@ -179,7 +179,8 @@ class Scene(NamedTuple):
 class Traced(NamedTuple):
     """Sums over rays.
 
-    Sums over parts of a field or period add exactly, because all values are multiples of one power of two.
+    Sums over parts of a field or period can be added without rounding errors, because all values are multiples of one
+    power of two.
 
     Sums have the shape (`REPLICATES`, heliostats, groups, `QUANTITIES`). The light on each cell, in units of `unit`,
     has the shape (`REPLICATES`, rows, columns). Sums over the heliostats at each instant have the shape (`REPLICATES`,
@@ -199,13 +200,13 @@ class Traced(NamedTuple):
 
 @inline
 def lane():
-    """Return the number of this thread among the threads that share a block of rays (always 0 on a processor)."""
+    """Return the index of this thread among the threads that share a block of rays (always 0 on a CPU)."""
     return 0
 
 
 @inline
 def lanes():
-    """Return the number of threads that share a block of rays: 1 on a processor."""
+    """Return the number of threads that share a block of rays (always 1 on a CPU)."""
     return 1
 
 
@@ -216,7 +217,7 @@ def barrier():
 
 @inline
 def add(array, index, value):
-    """Add a value to an array element; a device does so atomically."""
+    """Add a value to an array element; on a device, the addition is atomic."""
     array[index] += value
 
 
@@ -306,8 +307,8 @@ def _map_slopes(r, count, place, slope, facet):
 def _reflect(r, count, points, block, f):
     """Write points of rays (rows 0 to 2), directions to the sun (3 to 5), reflected directions (6 to 8) and sag (9).
 
-    Mirrors shade and block as planes; rays of canted facets start on the facets. Light leaves from the curved surface,
-    whose height above the point is the sag.
+    For shading and blocking, mirrors are planes, but rays of canted facets start on the facets. Reflected light starts
+    on the curved surface. The sag is the height of this surface above the starting point of a ray.
     """
     n0, n1, n2, u0, u1, u2, v0, v1, v2 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
     s0, s1, s2, p0, p1, p2, q0, q1, q2 = f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17]
@@ -357,7 +358,7 @@ def _cover(r, count, way, lit, limit, j, i, field, frames):
 
 @inner(fastmath=_FAST)
 def _tower(r, count, i, field, tower):
-    """Mark rays as dark if the tower, with a radius and a top height, intercepts them on their way from the sun."""
+    """Mark rays as dark if the tower (radius and top height) intercepts them on their way from the sun."""
     x, y, top = np.float32(-field[i, 0]), np.float32(-field[i, 1]), np.float32(tower[1] - field[i, 2])
     radius = np.float32(tower[0])
     for k in range(lane(), count, lanes()):
@@ -372,7 +373,7 @@ def _tower(r, count, i, field, tower):
 
 @inner(fastmath=_FAST)
 def _meet_cylinder(r, count, cell, f, rows, columns):
-    """Set row HIT to 1 for rays that hit the outside of the cylinder, and write the cells that they hit."""
+    """Set row HIT to 1 for rays that hit the outside of the cylinder, and write the cell index of each ray."""
     n0, n1, n2, cx, cy, cz, radius, extent = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
     tall, around = np.float32(rows) / extent, np.float32(columns)
     for k in range(lane(), count, lanes()):
@@ -396,7 +397,7 @@ def _meet_cylinder(r, count, cell, f, rows, columns):
 
 @inner(fastmath=_FAST)
 def _meet_rectangle(r, count, cell, f, rows, columns):
-    """Set row HIT to 1 for rays that hit the face of the rectangle, and write the cells that they hit."""
+    """Set row HIT to 1 for rays that hit the face of the rectangle, and write the cell index of each ray."""
     n0, n1, n2, x, y, z, half_width, half_height = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
     a0, a1, a2, b0, b1, b2, c0, c1, c2 = f[45], f[46], f[47], f[48], f[49], f[50], f[51], f[52], f[53]
     wide, tall = _HALF * np.float32(columns) / half_width, _HALF * np.float32(rows) / half_height
@@ -436,7 +437,7 @@ def _count(r, count, counts, tower):
 
 @inner
 def _rotated(f, to, x, y, z, c, s):
-    """Write two axes perpendicular to a direction, rotated about it by an angle with cosine c and sine s."""
+    """Write two axes perpendicular to a direction, rotated about the direction by an angle with cosine c and sine s."""
     level = math.sqrt(x * x + y * y)
     px, py = (-y / level, x / level) if level > 1e-9 else (1.0, 0.0)
     qx, qy, qz = -z * py, z * px, x * py - y * px
@@ -584,7 +585,7 @@ def _add(sums, m, counts, w0, w1, cosine, each, unit):
 
 
 def _sobol(rng: np.random.Generator, power: int) -> Floats:
-    """Return 2**power points of a scrambled Sobol sequence in eight dimensions, as `scipy.stats.qmc.Sobol` does.
+    """Return 2**power points of a scrambled Sobol sequence in eight dimensions, equal to `scipy.stats.qmc.Sobol`.
 
     This function replaces SciPy's sampler, which takes 0.6 s to import.
     """
@@ -664,8 +665,8 @@ def trace(
     groups : int
         Number of groups.
     start, stop, first, last : int
-        Ranges of heliostats and instants to trace. Rays depend only on the indices of heliostat and instant, so sums of
-        parts add exactly.
+        Ranges of heliostats and instants to trace. Rays depend only on the indices of heliostat and instant, so the
+        sums of several calls can be added exactly.
     rays : int
         Number of rays of each heliostat and instant, rounded up to 16, 32 or a power of two times 64.
     seed : int
@@ -675,7 +676,7 @@ def trace(
     share : ndarray, shape (N,), optional
         Factor of each heliostat in the flux map, for example area times transmittance.
     area : ndarray, shape (N,), optional
-        Factor of each heliostat in sums over the heliostats; these sums are omitted without `area`.
+        Factor of each heliostat in sums over the heliostats. Sums over the heliostats are omitted without `area`.
     stride : int
         Only pairs of heliostat and instant whose indices add up to a multiple of `stride` are traced.
     threads : int
@@ -760,7 +761,7 @@ def trace(
         amount = (light[lit] / (REPLICATES * scale[1])).astype(np.float32)
         return flux.sum(axis=0), whole, (np.bincount(lit[0], minlength=end - begin), lit[1].astype(np.int32), amount)
 
-    # More parts than threads, so that all threads end at nearly the same time.
+    # There are more parts than threads, so that all threads end at nearly the same time.
     threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
     parts = max(parts, (stop - start) // 64) if images else parts
@@ -834,12 +835,12 @@ def rays_for(
 
     Standard errors follow from a pilot run of at most `_PILOT` pairs of heliostat and instant, each with 64 rays.
     Relative standard errors must be at most 0.75 times `precision` for the light of the field and 6 times `precision`
-    for the light on a heliostat (root mean square). For cells with at least half the peak flux, the limit is 40 times
-    `precision`, relative to the peak. The maximum error is then about 20 times `precision` for 300 heliostats, and
-    about 150 times `precision` for 700 cells.
+    for the light on a heliostat (root mean square). For cells with at least half the peak flux, the standard error must
+    be at most 40 times `precision`, relative to the peak flux. The maximum error is then about 20 times `precision` for
+    300 heliostats, and about 150 times `precision` for 700 cells.
     """
     lit = np.asarray(sun)[:, 2] > 0.0
-    # odd, because an even stride would use only half of the points
+    # The stride is odd, because an even stride would use only half of the points.
     stride = -(-len(scene.centre) * int(lit.sum()) // _PILOT) | 1
     found = trace(scene, sun, weights=weights, rays=_LANES, seed=seed, cells=cells, share=share, stride=stride)
     light, precision = found.sums[:, :, 0, LIGHT], precision * math.sqrt(stride)

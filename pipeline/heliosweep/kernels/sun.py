@@ -54,8 +54,8 @@ def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np
 
     `sun` contains geometric unit vectors, east, north, up. `pressure` [Pa] and `temperature` [deg C] describe the air
     at the site. The SPA uses the formula of Saemundsson: Reda, I. and Andreas, A. (2004). Solar position algorithm for
-    solar radiation applications. Solar Energy 76, 577-589, section 3.14.2. doi:10.1016/j.solener.2003.12.003. Below
-    -0.8333 deg, when the whole disc has set, vectors are not changed.
+    solar radiation applications. Solar Energy 76, 577-589, section 3.14.2. doi:10.1016/j.solener.2003.12.003. Sun
+    vectors below -0.8333 deg, when the whole disc has set, are not changed.
     """
     vectors = np.asarray(sun, np.float64)
     level = np.hypot(vectors[..., 0], vectors[..., 1])
@@ -100,8 +100,8 @@ _sidereal_time = inline(sidereal_time)
 def daily_splines(nodes: Floats) -> Floats:
     """Return natural cubic splines (zero second derivative at both ends) through daily nodes.
 
-    `nodes` contains the values at day 0, 1, ... N - 1, shape (N, QUANTITIES). The result has the coefficients of the
-    powers 0 to 3 of the fraction of the day for each day, shape (N - 1, 4, QUANTITIES).
+    `nodes` contains the values at days 0 to N - 1, shape (N, QUANTITIES). The result contains, for each day, the
+    coefficients of the powers 0 to 3 of the elapsed fraction of the day, shape (N - 1, 4, QUANTITIES).
     """
     bend, pivot = np.zeros_like(nodes), np.zeros(len(nodes))  # a sixth of the second derivative
     for i in range(1, len(nodes) - 1):

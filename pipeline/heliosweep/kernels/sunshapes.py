@@ -1,7 +1,7 @@
-"""Radial brightness of the sun and its aureole, as rings with shares of the light.
+"""Radial brightness of the sun and its aureole, represented by rings that each have a share of the light.
 
-A sun shape is a brightness B(r) over the angle r from the sun's centre. It is stored as rings of radius r with the
-share 2 pi r B(r) dr of all light, at Gauss-Legendre nodes. The sun shape of Buie [1]_ is a disc with a tail of
+A sun shape is a brightness B(r) over the angle r from the sun's centre. A sun shape is stored as rings of radius r with
+the share 2 pi r B(r) dr of all light, at Gauss-Legendre nodes. The sun shape of Buie [1]_ is a disc with a tail of
 scattered light, the aureole.
 
 References
@@ -80,7 +80,7 @@ def buie(circumsolar_ratio: float) -> SunShape:
 
     The published formula calls its parameter the circumsolar ratio, but the resulting ratio differs from the parameter
     by 0.1 percentage points or more. This function therefore finds the parameter for the requested ratio by bisection.
-    Raises ValueError for a ratio outside `CSR`.
+    Raises ValueError if the ratio is outside the range `CSR`.
     """
     if not CSR[0] <= circumsolar_ratio <= CSR[1]:
         raise ValueError(f"the circumsolar ratio must be from {CSR[0]} to {CSR[1]}")

@@ -1,4 +1,4 @@
-"""Cosine, shading, blocking and optical efficiency of heliostats in a field, as annual sums or at each instant.
+"""Cosine, shading, blocking and optical efficiency of heliostats in a field, as sums over periods or at each instant.
 
 Instants are sorted into packets of similar sun directions. For each packet and heliostat, `sweep` finds the heliostats
 that may shade or block, projects them onto the mirror, and computes the area of the union of their images. A mirror's
@@ -121,7 +121,7 @@ def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop:
     sums : ndarray, shape (stop - start, 5)
         Sums of five quantities: the cosine efficiency; the shading efficiency (1 - shaded fraction); the blocking
         efficiency (1 - blocked fraction); the optical efficiency, cosine * (1 - fraction shaded or blocked); and the
-        product of the first three. [1]
+        product of the cosine, shading and blocking efficiencies. [1]
     instants : int
         Number of instants with the sun above the horizon.
 
@@ -276,7 +276,7 @@ def sweep(
     Parameters
     ----------
     mirrors, cells : Mirrors, Cells
-        The field, from `packets.by_cells`.
+        Sorted mirrors and grid cells, from `packets.by_cells`.
     tower : ndarray, shape (2,)
         Radius and top height of the tower, 0 without a tower. [m]
     tracking : int
@@ -286,7 +286,7 @@ def sweep(
     order, first : ndarray
         Packets, from `packets.packet_order`.
     turn : ndarray
-        Indices of `order`, sorted by period within each packet. Instants are summed in this sequence.
+        Sequence in which instants are summed: indices of `order`, packet by packet, sorted by period.
     tests, names : ndarray, shape (n,)
         Indices of the test heliostats in the sorted field, and their rows in the results.
     series : ndarray, shape (4, T, n), or (4, 0, 0) if no series is written
@@ -361,8 +361,8 @@ def _sweep_packet(
 ):  # fmt: skip
     """Compute a packet for the test heliostats from index t on.
 
-    Stops if the scratch arrays are too small for a heliostat. Returns the index of this heliostat and its number of
-    images, or the number of test heliostats and 0.
+    The function stops at a heliostat that needs larger scratch arrays, and returns its index and number of images.
+    After the last heliostat, it returns the number of test heliostats and 0.
     """
     lanes, used = -(-(stop - start) // GROUP) * GROUP, np.int64(0)
     for m in range(lines.place.shape[0]):
@@ -389,7 +389,7 @@ def _sweep_packet(
         some = blockers[begins[t] : begins[t + 1]]
         made, used = _make_images(i, some, mirrors, tracking, lines, lines.to_target, images, shading, used, lanes)
         unions(images, shading, made, lines.total, room, lanes)
-        row = lines.place[i] + COSINE  # outside the loop, which is vectorised only without this load
+        row = lines.place[i] + COSINE  # read here, because the loop is vectorised only without this load
         for k in range(lanes):
             cosine, shading_efficiency = get(lines.frames, row, k), _left(get(lines.total, 0, k))
             blocking_efficiency, one = _left(get(lines.total, ROW, k)), get(lines.weight, 0, k)

@@ -3,9 +3,9 @@
 All lanes (instants) of a packet share one list of candidates and one sequence of branches, so similar instants save
 time.
 
-If r and s are the unit vectors to the target and the sun, a mirror has the normal n = unit(r + s). Its frame is (u, v,
-n) with v = n x u; its width is along u, and its height is along v. Vectors are stored for all lanes of a packet, see
-`vectors.load`.
+If r and s are the unit vectors to the target and the sun, a mirror has the normal n = unit(r + s). The frame of a
+mirror is (u, v, n) with v = n x u. The width of the mirror is along u, and the height is along v. Vectors are stored
+for all lanes of a packet, see `vectors.load`.
 
 Heliostats that may shade or block a mirror are selected by a uniform grid, a wedge and a cone. The selection never
 misses a heliostat that shades or blocks.
@@ -13,7 +13,7 @@ misses a heliostat that shades or blocks.
 Let D = C_j - C_i be the vector from mirror i to mirror j, R the sum of their bounding radii, and d a direction to the
 sun or the target. Mirror j projects onto mirror i along d only if the line distance |D - (D.d) d| is below R. If the
 bounding spheres are disjoint (|D| > R), mirror j must also be in front, D.d > 0. Proof: if a point C_j + q is in front
-of C_i + p along d, then t d = D + e, |e| = |q - p| <= R, with t > 0. If D.d <= 0, then e.d >= t - D.d >= |D.d| and,
+of C_i + p along d, then t d = D + e with t > 0 and |e| = |q - p| <= R. If D.d <= 0, then e.d >= t - D.d >= |D.d| and,
 across d, |e| equals the line distance. Hence |e| >= |D| > R, a contradiction. Both conditions imply that the angle
 between D and d is below asin(R / |D|).
 """
@@ -41,7 +41,7 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
     A k-d tree divides the instants at the median of the component with the largest range, until each part is a packet.
     A packet has at most 64 lanes, and fewer if the sun directions are widely spread. Each lane tests the candidates of
     all lanes, and the number of candidates grows with the spread divided by the sine of the elevation. Instants with
-    equal values keep their order.
+    equal components keep their order.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
         Indices of the instants, packet by packet. Each packet is divided further into groups of 8 similar instants with
         ascending indices.
     first : ndarray, shape (P + 1,)
-        Packet p is ``order[first[p] : first[p + 1]]`` and is never empty.
+        Start of each packet in `order`, and end of the last packet. No packet is empty.
     """
     packets, waiting = [], [np.arange(len(sun))] if len(sun) else []
     while waiting:
@@ -65,7 +65,7 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
             packets.append(some)
             continue
         rising = some[np.argsort(here[:, spread.argmax()], kind="stable")]
-        unit = PACKET if count > PACKET else 1  # full packets if there is more than one
+        unit = PACKET if count > PACKET else 1  # divide at a multiple of the packet size
         middle = (-(-count // unit) + 1) // 2 * unit
         waiting += [rising[middle:], rising[:middle]]
     sizes = np.array([len(each) for each in packets], np.int64)
@@ -120,9 +120,9 @@ def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, t
     """Write the frame of mirror i for all lanes of a packet to `frames`, from offset `f` on. [m]
 
     The axis u is undefined if s is parallel to r (spinning-elevation), or if the normal is vertical
-    (azimuth-elevation). In the first case, u is set to unit(-r_y, r_x, 0), or to east if r is vertical. In the second
-    case, u is set to east. If the sun is exactly opposite to r, there is no normal, and the half sides and the cosine
-    are set to 0.
+    (azimuth-elevation). For spinning-elevation, an undefined u is set to unit(-r_y, r_x, 0), or to east if r is
+    vertical. For azimuth-elevation, an undefined u is set to east. If the sun is exactly opposite to r, there is no
+    normal, and the half sides and the cosine are set to 0.
 
     `sun` contains the rows x, y, z of unit vectors to the sun [1]. `tracking` is `SPINNING_ELEVATION` or
     `AZIMUTH_ELEVATION`.
@@ -153,7 +153,7 @@ _SLACK = 1.0 + 1e-9
 
 
 class Cells(NamedTuple):
-    """Uniform horizontal grid over the field. Heliostats of one cell, and of one row of cells, are contiguous."""
+    """Uniform horizontal grid over the field. The heliostats of a cell, and of a row of cells, are stored together."""
 
     #: Index of the first heliostat of each cell, west to east, then south to north, and end of the last cell.
     first: Integers
@@ -177,7 +177,7 @@ class Beam(NamedTuple):
     sine: float
     #: Minimum absolute sine of the elevation of the directions.
     low: float
-    #: Unit vectors of the leftmost and the rightmost horizontal direction, for a narrow beam.
+    #: Unit vectors of the leftmost and rightmost horizontal directions of a narrow beam.
     left: tuple[float, float]
     right: tuple[float, float]
     #: True if the azimuths span less than half a circle.
@@ -205,7 +205,7 @@ def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells, Integers]:
 
 @inner
 def beam(directions: Floats, some: Integers) -> Beam:
-    """Return the bundle of the rows `some` of an array of unit vectors, shape (N, 3)."""
+    """Return the bundle that contains the rows `some` of an array of unit vectors, shape (N, 3)."""
     x = y = z = 0.0
     for m in some:
         d = directions[m, 0], directions[m, 1], directions[m, 2]
@@ -251,7 +251,7 @@ def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, f
     R, or if the angle between D and the axis is below asin(R / |D|) + half-angle, by the triangle inequality on the
     sphere.
 
-    `limit` is the maximum of D.d, infinite for the sun [m]; `found` must have one element for each heliostat.
+    `limit` is the maximum of D.d, infinite for the sun [m]; `found` must have at least one element for each heliostat.
     """
     x, y, count = mirrors.centre[i, 0] - cells.west, mirrors.centre[i, 1] - cells.south, 0
     wide = (mirrors.radius[i] + cells.radius) * _SLACK

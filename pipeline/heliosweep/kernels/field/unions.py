@@ -1,8 +1,8 @@
 """Exact area of the union of images on a test mirror, for all lanes of a packet.
 
 The test mirror, scaled by its half sides, is the square [-1, 1] x [-1, 1]. A polygon is a counter-clockwise list of
-corners x, y, x, y, ... in a flat array; its start and number of corners are stored separately. All functions are
-continuous in the corners, so coincident or nearly coincident edges cause rounding errors only.
+corners x, y, x, y, ... in a flat array; the start and the number of corners of each polygon are stored separately. All
+functions are continuous in the corners, so coincident or nearly coincident edges cause rounding errors only.
 
 Let C be the centre of the test mirror, u and v its half sides, and d the direction to the sun or the target. A point C
 + q is projected along d to (q.U, q.V) on the plane of the test mirror, where U = (v x d) / (u.(v x d)) and V = (d x u)
@@ -10,18 +10,19 @@ Let C be the centre of the test mirror, u and v its half sides, and d the direct
 parallelogram, given by its centre and two half edges.
 
 If no four images of a lane overlap, the area of the union is the sum of the areas, minus the common areas of pairs,
-plus the common areas of triples. In all other lanes, the images are subtracted from the square one by one. Images are
-also subtracted one by one if edges coincide (tie), or if a mirror crosses the plane of the test mirror.
+plus the common areas of triples. If four images overlap, the images of the lane are subtracted from the square one by
+one. Images are also subtracted one by one if edges coincide (tie), or if a mirror crosses the plane of the test mirror.
 
 Sets of lanes are integers with a bit for each lane. The method for a lane depends only on the images in this lane,
 which keep the order of the search. The result of a lane therefore does not depend on its packet.
 
 The common area of the square and two images follows from the boundary of the first image within the square. This
 boundary has eight parts: the parts of the four edges of the image within the square, and the parts of the square's
-edges within the image. All parts are computed from common crossings, so the boundary is closed. In coordinates in which
-the second image is the square, `edge_terms` gives the area by Green's theorem. If an edge of the first image nearly
-coincides with a side of the square, their crossing is ill-defined, and the images in this lane are subtracted one by
-one. Edges of the two images may coincide, because each step is then a clamp that is continuous in the corners.
+edges within the image. All eight parts are computed from one set of crossings, so the boundary is closed. In
+coordinates in which the second image is the square, `edge_terms` gives the area by Green's theorem. If an edge of the
+first image nearly coincides with a side of the square, their crossing is ill-defined, and the images in this lane are
+subtracted one by one. Coincident edges of the two images need no special treatment, because each step is then a clamp
+that is continuous in the corners.
 """
 
 import math
@@ -42,7 +43,7 @@ Four = tuple[float, float, float, float]
 
 @inline
 def slopes(x: float, y: float) -> tuple[float, float]:
-    """Return slopes dy/dx and dx/dy of the direction (x, y) by one division; both are 0 (and unused) along an axis."""
+    """Return slopes dy/dx and dx/dy of the direction (x, y) by one division; slopes along an axis are 0 and unused."""
     square = x * y
     inverse = 1.0 / square if abs(square) > 1e-200 else 0.0
     return y * y * inverse, x * x * inverse
@@ -68,13 +69,13 @@ def unit(value: float) -> float:
 
 @inline
 def units(values: Four) -> Four:
-    """Clamp four numbers to [-1, 1]."""
+    """Clamp each of four numbers to [-1, 1]."""
     return unit(values[0]), unit(values[1]), unit(values[2]), unit(values[3])
 
 
 @inline
 def along(p: Four, t: Four, d: Four) -> Four:
-    """Return the coordinates at t of four lines p + t d."""
+    """Return the coordinates of four lines p + t d at t."""
     return p[0] + t[0] * d[0], p[1] + t[1] * d[1], p[2] + t[2] * d[2], p[3] + t[3] * d[3]
 
 
@@ -86,15 +87,15 @@ def less(a: Four, b: Four) -> Four:
 
 @inline
 def edge_terms(px: Four, py: Four, qx: Four, qy: Four, rise: Four, run: Four) -> Four:
-    """Return integrals of clamp(y) dx along the parts of four edges p-q with x in [-1, 1].
+    """Return integrals of clamp(y) dx along the parts of four edges from p to q with x in [-1, 1].
 
-    Their sum around a polygon is, up to the sign, the area within the square (Green's theorem; each vertical line adds
-    the clamped top minus the clamped bottom). By partial integration, each integral is [x y] minus the integral of x
-    dy, which needs x only where the edge crosses y = -1 and y = 1. These crossings are computed directly, not from a
-    ratio of integrals, so nearly horizontal and nearly vertical edges lose no accuracy. Crossings outside the square do
-    not contribute. The mean of two crossings is clamped because of rounding errors. `rise` and `run` are the slopes
-    dy/dx and dx/dy of the edges, from `slopes`. The four edges are processed together, because the instructions of
-    successive edges would wait for each other.
+    By Green's theorem, the sum of these integrals around a polygon is, up to the sign, the area within the square. On
+    each vertical line, the polygon contributes the clamped top minus the clamped bottom. By partial integration, each
+    integral is [x y] minus the integral of x dy, which needs x only where the edge crosses y = -1 and y = 1. These
+    crossings are computed directly, not from a ratio of integrals, so nearly horizontal and nearly vertical edges lose
+    no accuracy. Crossings outside the square do not contribute. The mean of two crossings is clamped because of
+    rounding errors. `rise` and `run` are the slopes dy/dx and dx/dy of the edges, from `slopes`. The four edges are
+    processed together, because the instructions of successive edges would wait for each other.
     """
     x0, x1 = units(px), units(qx)
     y0, y1 = along(py, less(x0, px), rise), along(qy, less(x1, qx), rise)
@@ -281,14 +282,14 @@ def project(
     apart: bool,
     lanes: int,
 ) -> bool:
-    """Project a mirror to image number m; return True if the image covers part of the test mirror.
+    """Write the projection of a mirror as image m; return True if the image covers part of the test mirror.
 
-    The overlap is tested by separating axes: the normals of the edges of the square and of the image.
+    The overlap is tested with separating axes, which are the normals of the edges of the square and of the image.
 
     `views` contains U and V of the test mirror, from `write_axes`, and `directions` the rows of d. The frame of the
     mirror begins at `f` in `frames`, and the frame of the test mirror at `test` [m]. `way` is the vector from the
-    centre of the test mirror to the centre of the mirror [m]. `apart` is True if the bounding spheres are disjoint;
-    then the mirror is in front if and only if D.d > 0.
+    centre of the test mirror to the centre of the mirror [m]. `apart` is True if the bounding spheres are disjoint. A
+    mirror with a disjoint sphere is in front if and only if D.d > 0.
     """
     o, level, hits = m * IMAGE, np.int64(0), np.int64(0)
     for k in range(lanes):
@@ -314,11 +315,11 @@ def project_tower(
     images: Images, m: int, views: Floats, frames: Floats, test: int, directions: Floats, base: Vector, low: float,
     tower: Floats, lanes: int,
 ) -> bool:  # fmt: skip
-    """Project a tower, an upright cylinder, to image number m; return True if the image covers part of the mirror.
+    """Write the projection of a tower as image m; return True if the image covers part of the test mirror.
 
-    The cylinder is replaced by an upright rectangle of equal diameter that faces the sun, pi/4 radii in front of the
-    axis. Its shadow has a straight end, and its area equals the area of the shadow with the round end. The tower is
-    treated as if it had no lower end.
+    The tower, an upright cylinder, is replaced by an upright rectangle of equal diameter that faces the sun, pi/4 radii
+    in front of the axis. The shadow of this rectangle has a straight end, and its area equals the area of the
+    cylinder's shadow. The tower is treated as if it had no lower end.
 
     Parameters are as in `project`. `base` is the vector from the centre of the test mirror to the foot of the tower.
     The rectangle begins `low` below this centre, and `tower` contains the radius and top height of the tower. [m]
@@ -535,8 +536,7 @@ def _overlapping(images, n, m, some, lanes):
 
 @inner
 def _add_overlaps(images, some, shading, count, total, room, lanes):
-    """Subtract common areas of pairs, add common areas of triples; return lanes with ties or four overlapping
-    images."""
+    """Subtract overlaps of pairs, add overlaps of triples; return lanes with ties or four overlapping images."""
     met, left = room.met, np.int64(0)
     for m in range(count):
         met[m, m] = 0
