@@ -14,7 +14,8 @@ Huber loss. All other fits start from zero.
 
 Derivatives: an error rotates the mirror about an axis w. A unit vector a of the mirror (the normal n for spots, the
 axis of the reflecting cylinder for crossings) moves by w x a, and the mirror centre p by w x arm, where arm is the
-vector from the axis to p. If an observation has the derivatives g_a and g_p with respect to a and p, it moves by
+vector from the axis to p. If an observation has the derivatives g_a and g_p with respect to a and p, the observation
+moves by
 
     g_a.(w x a) + g_p.(w x arm) = w.(a x g_a + arm x g_p).
 
@@ -46,12 +47,15 @@ from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
 from heliosweep.kernels.mounts import ERRORS, Mounts, mirror_at, mount_of, six, tilt_axes, times
 from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 
-#: Statuses of estimates. `ESTIMATED`: The errors are estimated. `TOO_FEW`: There are too few observations to estimate
-#: the errors. `INDISTINCT`: The errors are estimated, but the condition number is above the limit, so the observations
-#: hardly distinguish the errors. `NOT_CONVERGED`: The iteration did not converge; the estimate is the last point, or
-#: NaN if this point is not valid. `DEPENDENT`: The observations do not distinguish the errors, for example if all have
-#: the same instant; no errors are estimated. `EXACT`: The number of equations equals the number of errors, so the
-#: estimate has no covariance. `NO_OBSERVATIONS`: There is no usable observation; no errors are estimated.
+#: Statuses of estimates. `ESTIMATED`: The errors are estimated.
+#: `TOO_FEW`: The number of observations is too small to estimate the errors.
+#: `INDISTINCT`: The errors are estimated, but the observations hardly distinguish the errors.
+#: The condition number of an `INDISTINCT` estimate is above the limit.
+#: `NOT_CONVERGED`: The iteration did not converge. The estimate is the last point, or NaN if this point is not valid.
+#: `DEPENDENT`: The observations do not distinguish the errors, for example because all have the same instant.
+#: No errors are estimated if the status is `DEPENDENT`.
+#: `EXACT`: The number of equations equals the number of errors, so the estimate has no covariance.
+#: `NO_OBSERVATIONS`: The mount has no usable observation, and no errors are estimated.
 ESTIMATED, TOO_FEW, INDISTINCT, NOT_CONVERGED, DEPENDENT, EXACT, NO_OBSERVATIONS = range(7)
 
 #: Number of steps that use only first derivatives. Later steps use second derivatives.
@@ -64,8 +68,9 @@ SQUARED, HUBER, CAUCHY = 0, 1, 2
 #: Codes of the traces: cylinder along the elevation axis, and cylinder up the slope of the mirror.
 TRACE_ELEVATION, TRACE_AZIMUTH = 0, 1
 
-#: Condition number above which a calibration is doubtful, for 2, 4 and 6 estimated errors. Spots measured over several
-#: hours give a condition number of about 10 for four errors and several hundred for six errors.
+#: Condition number above which a calibration is doubtful, for 2, 4 and 6 estimated errors.
+#: The condition number of spots measured over several hours is about 10 for four errors.
+#: For six errors, the condition number of such spots is several hundred.
 CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
 
 
@@ -76,11 +81,12 @@ class Observed(NamedTuple):
     sun: Floats
     #: Commanded encoder angles: primary (azimuth), secondary (elevation), shape (N, M, 2). [rad]
     angles: Floats
-    #: Coordinates y, z of spots on the plane of the receiver, shape (N, M, 2), or positions of crossings relative to
-    #: the aim point in the world frame, shape (N, M, 3). Missing observations are NaN. [m]
+    #: Coordinates y, z of spots on the plane of the receiver, shape (N, M, 2). [m]
+    #: For crossings, positions relative to the aim point in the world frame, shape (N, M, 3). [m]
+    #: Missing observations are NaN.
     position: Floats
-    #: Inverse variances in any unit, shape (N, M). Only the ratios of the weights within a mount matter. Observations
-    #: of weight 0 are predicted but not fitted. [1]
+    #: Inverse variances in any unit, shape (N, M). Only the ratios of the weights within a mount matter. [1]
+    #: Observations of weight 0 are predicted but not fitted.
     weight: Floats
     #: Trace of each crossing, `TRACE_ELEVATION` or `TRACE_AZIMUTH`, shape (N, M).
     trace: Integers | None = None
@@ -105,13 +111,13 @@ class Fit(NamedTuple):
     uncalibrated: Floats
     #: Leave-one-out residuals to first order, shape (N, M, D). [m]
     left_out: Floats
-    #: True for observations that are used, shape (N, M): they have a positive weight, a measured value, and a
-    #: prediction for the mount without errors.
+    #: True for observations that the fit uses, shape (N, M).
+    #: A used observation has a positive weight, a measured value, and a prediction for the mount without errors.
     counted: NDArray[np.bool_]
     #: Status codes, from `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,).
     status: Integers
-    #: Index of the error with the largest component in the direction with the largest variance, shape (N,); -1 if there
-    #: are too few observations.
+    #: Index of the error with the largest component in the direction with the largest variance, shape (N,).
+    #: The index is -1 if the number of observations is too small.
     least_known: Integers
 
     @property
@@ -153,7 +159,8 @@ def fit(
     condition_limit : float, optional
         Condition number above which an estimate is `INDISTINCT` (default: `CONDITION_LIMITS`). [1]
     spread : float
-        Standard deviation of an observed coordinate of mean weight; if 0, it is estimated from the residuals. [m]
+        Standard deviation of an observed coordinate of mean weight. If `spread` is 0, the deviation is estimated from
+        the residuals. [m]
 
     Returns
     -------
@@ -268,8 +275,8 @@ class _Problem:
             better = new_cost <= cost + slack
             noise = floor * np.sqrt(self.used[here] / least) + ROUNDING * np.sqrt(2.0 * cost * most) / least
             size = np.abs(step).max(axis=1)
-            # Steps from first derivatives may converge slowly: a small step ends the iteration only if it is much
-            # smaller than the preceding step.
+            # Steps from first derivatives may converge slowly.
+            # A small step ends the iteration only if the step is much smaller than the preceding step.
             still = better & (damping == 0.0) & (size <= np.maximum(1e-13, noise))
             still &= (size <= 0.1 * last) | (number > PATIENCE)
             errors[here[better]] = tried[better]
@@ -350,7 +357,7 @@ class _Problem:
         Let A = J H^-1 J^T, where J is the Jacobian and H the second derivative of the cost. The influence w rho' r of
         the omitted observation depends on its residual r. Let D be the derivative of the influence with respect to r.
         The eigenvalues of D are w rho' perpendicular to r, and w (rho' + 2 u rho'') along r. The leave-one-out residual
-        is r + A (I - D A)^-1 w rho' r. For the squared loss, it is (I - w A)^-1 r.
+        is r + A (I - D A)^-1 w rho' r. For the squared loss, the residual is (I - w A)^-1 r.
         """
         r, j, weight, identity = -residual[some], rows[some], self.weight[some], np.eye(self.coordinates)
         half = shares[some]

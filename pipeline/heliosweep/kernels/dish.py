@@ -26,11 +26,11 @@ from numpy.typing import ArrayLike
 from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
 from heliosweep.kernels.vectors import at_angle, turning
 
-#: Models of a tilt. `RIGID`: The whole mount leans. `UNTILTED_HOME_AXES`: Only the azimuth axis leans, and the home
-#: positions of the other axes do not lean.
+#: Models of a tilt. `RIGID`: The whole mount leans.
+#: `UNTILTED_HOME_AXES`: Only the azimuth axis leans; the home positions of the other axes do not lean.
 RIGID, UNTILTED_HOME_AXES = 0, 1
-#: Maximum chord for which the vectorised series of the arc is used. The terms of the series after chord^15 are below
-#: 2e-17.
+#: Maximum chord for which the vectorised series of the arc is used.
+#: The terms of the series after chord^15 are below 2e-17.
 SMALL = 0.24
 #: Coefficients of the odd powers of a chord in the series of its arc, 2 asin(chord / 2).
 ARC = (1.0, 1 / 24, 3 / 640, 5 / 7168, 35 / 294912, 63 / 2883584, 231 / 54525952, 143 / 167772160)
@@ -109,8 +109,8 @@ def window_errors(
         Tilt of the azimuth axis, and direction towards which the foot of the axis moves: 0 for south, positive to the
         west. [rad]
     home_azimuth, home_elevation : array_like
-        Offsets gamma1 and gamma2 of the home position of the focal axis from due east: its home vector is
-        (-cos gamma1 cos gamma2, -sin gamma1, cos gamma1 sin gamma2). [rad]
+        Offsets gamma1 and gamma2 of the home position of the focal axis from due east. The home vector of the focal
+        axis is (-cos gamma1 cos gamma2, -sin gamma1, cos gamma1 sin gamma2). [rad]
     tolerance : array_like
         Upper limit of the error in the clipped mean. [rad]
     azimuth_reference, non_orthogonality, collimation : array_like
@@ -125,8 +125,8 @@ def window_errors(
         Weighted mean of the error e, its maximum, and the weighted mean of min(e, tolerance). Values are NaN if a
         window has no instant of positive weight. The parameters broadcast against each other. [rad]
     """
-    # In this chain, only the focal axis has the azimuth offset, and its sign is opposite to the sign of the
-    # collimation.
+    # In this chain, the azimuth offset applies only to the focal axis.
+    # The sign of the offset is opposite to the sign of the collimation.
     across = np.asarray(home_azimuth) - np.asarray(collimation)
     mount = (tilt, direction, across, home_elevation, azimuth_reference, non_orthogonality, tolerance)
     *parameters, limits = np.broadcast_arrays(*np.atleast_1d(*mount))

@@ -1,7 +1,7 @@
 """Two-axis mounts with six angular errors in front of a receiver plane: kinds, frames, exact aiming, and spots.
 
 Angles are pairs of cosine and sine, and matrices are tuples of rows. The world frame has x east, y north, z up. The
-receiver is a rectangle centred on the aim point T. Its face axes are the rows
+receiver is a rectangle centred on the aim point T. The axes X, Y, Z of the receiver's face are the rows
 
     X = (cos b sin g, cos b cos g, sin b),  Y = (-cos g, sin g, 0),  Z = X x Y
 
@@ -42,9 +42,10 @@ from heliosweep.kernels.compiled import Floats, inline, kernel
 from heliosweep.kernels.vectors import Vector, cross, dot, minus, mixed, scaled, unit
 
 Matrix = tuple[Vector, Vector, Vector]
-#: Kinds of mounts. `AZIMUTH_ELEVATION`: Mount with a vertical primary axis. `TARGET_ALIGNED`: Mount with its primary
-#: axis along the line from the pivot to the aim point. `POLAR`: Mount with its primary axis along the axis of the
-#: Earth. `TILT_ROLL`: Mount with a horizontal primary axis.
+#: Kinds of mounts. `AZIMUTH_ELEVATION`: Mount with a vertical primary axis.
+#: `TARGET_ALIGNED`: Mount with its primary axis along the line from the pivot to the aim point.
+#: `POLAR`: Mount with its primary axis along the axis of the Earth.
+#: `TILT_ROLL`: Mount with a horizontal primary axis.
 AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL = range(4)
 #: Names of the six errors of a mount, in the order of all arrays of errors. [rad]
 ERRORS = (
@@ -160,11 +161,12 @@ def point(n, ce, se, cm, sm):
     return cg, (y * nx - x * ny) * inverse, y * each, up * each, margin
 
 
-#: Statuses of spots. `REACHES`: The ray reaches the plane of the receiver; the spot is NaN for all other statuses.
-#: `MISSES`: The ray points away from the plane or along it, or the sun lights the back of the mirror. `BEHIND_FACE`:
-#: The pivot or the mirror centre lies on the plane of the receiver or behind it. `NO_SUN`: The sun is not above the
-#: horizon, or its position is NaN. `BLIND_CONE`: The mount cannot point in the required direction, although the aim
-#: point is far enough. `TOO_NEAR`: The offsets of the mirror are not smaller than the distance to the aim point.
+#: Statuses of spots. `REACHES`: The ray reaches the plane of the receiver. The spot is NaN for all other statuses.
+#: `MISSES`: The ray points away from the plane or along it, or the sun lights the back of the mirror.
+#: `BEHIND_FACE`: The pivot or the mirror centre lies on the plane of the receiver or behind it.
+#: `NO_SUN`: The sun is not above the horizon, or its position is NaN.
+#: `BLIND_CONE`: The mount cannot point in the required direction, although the aim point is far enough.
+#: `TOO_NEAR`: The offsets of the mirror are not smaller than the distance to the aim point.
 REACHES, MISSES, BEHIND_FACE, NO_SUN, BLIND_CONE, TOO_NEAR = range(6)
 
 
@@ -191,8 +193,8 @@ class Setting(NamedTuple):
     mirror_offset: NDArray[np.float64]
     #: Distance of the secondary axis from the primary axis. [m]
     axis_offset: NDArray[np.float64]
-    #: Height of the pivot above the base of the pedestal. The base is vertically below the pivot, and the pedestal
-    #: tilts about the base. [m]
+    #: Height of the pivot above the base of the pedestal. [m]
+    #: The base is vertically below the pivot, and the pedestal tilts about the base.
     pedestal_height: NDArray[np.float64]
 
 

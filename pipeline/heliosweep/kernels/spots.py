@@ -1,8 +1,8 @@
 """Spots of misaligned mirrors: deviation curves of single errors, and spots of mounts with all errors.
 
-**Curve**. A mount aims as if it had no errors; its actual errors give the mirror centre P and the normal n. The mirror
-has two axes: the elevation axis e, horizontal if the primary axis z is vertical and has no errors, and b = e x n up the
-slope. An error of the angle eps rotates the normal about the axis a:
+**Curve**. A mount aims as if it had no errors. The actual errors of the mount determine the mirror centre P and the
+normal n. The mirror has two axes: the elevation axis e, horizontal if the primary axis z is vertical and has no errors,
+and b = e x n up the slope. An error of the angle eps rotates the normal about the axis a:
 
     n(eps) = Rot(a, eps) n,   a = e (elevation: + raises n), -b (azimuth), -z (encoder azimuth): + rotates n
                               clockwise seen from the end of the primary axis
@@ -39,7 +39,7 @@ If the mirror centre moves, or if a is the primary axis, g is a trigonometric po
 coefficients are products of the coefficients of R and p. The search for a root starts at zero error and proceeds in
 steps along the error. The step h is the minimum possible distance of a root, from g + g' h - M h^2 / 2 = 0. The bound M
 of |g''| is the sum of the amplitudes times the squares of their degrees. The search cannot miss a root. Close to a
-root, it converges as fast as Newton's method.
+root, the search converges as fast as Newton's method.
 
 **Conic**: for an axis a in the mirror, the reflected rays satisfy a.R = -a.S = k. The rays form a cone whose apex p is
 the mirror centre. On the plane of the receiver, the points x = y Y + z Z of the trace, relative to the aim point,
@@ -55,7 +55,7 @@ the plane, touches the plane at a focus inside the branch that the rays trace. T
 sign(k) a with s = X.p / (sqrt(1 - k^2) - sign(k) a_x).
 
 **Crossings**: a heliostat that has reflecting cylinders on its facets, or that sweeps through a range of errors, traces
-a whole deviation curve. Detectors along lines l0 y + l1 z = l2 measure the crossings of the curve with these lines
+a whole deviation curve. Detectors along lines l0 y + l1 z = l2 measure where the deviation curve crosses the lines
 (Optics Express 27 (8), A257 (2019), Sect. 4.3).
 
 **Mounts**: mounts aim with the known errors, and the actual errors rotate and move the mirror.
@@ -94,12 +94,12 @@ from heliosweep.kernels.mounts import (
 )
 from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixed, scaled, turning
 
-#: Sources of an error. `CANTING`: The facet is rotated about its fixed centre. `ENCODER`: The mirror rotates about its
-#: pivot. `TILT`: The pedestal rotates about its base.
+#: Sources of an error. `CANTING`: The facet is rotated about its fixed centre.
+#: `ENCODER`: The mirror rotates about its pivot. `TILT`: The pedestal rotates about its base.
 CANTING, ENCODER, TILT = range(3)
 
-#: Axes of an error. `ELEVATION`: The elevation axis e in the mirror. `AZIMUTH`: The axis -b, down the slope of the
-#: mirror. `ENCODER_AZIMUTH`: The primary axis, with reversed sign.
+#: Axes of an error. `ELEVATION`: The elevation axis e in the mirror.
+#: `AZIMUTH`: The axis -b, down the slope of the mirror. `ENCODER_AZIMUTH`: The primary axis, with reversed sign.
 ELEVATION, AZIMUTH, ENCODER_AZIMUTH = range(3)
 
 #: Coefficients of a trigonometric polynomial of the error: 1, cos, sin, cos 2, sin 2, cos 3 and sin 3.
@@ -137,19 +137,24 @@ class Curves(NamedTuple):
 
     #: Coordinates y and z of spots [m], NaN unless the status is `REACHES`, and the status, shape (3, C, H, T, E).
     spots: Floats
-    #: Minimum |error| at which the spot leaves the aperture, shape (C, H, T). The value is 0 if the errors of the mount
-    #: already move the spot out of the aperture. The tolerance is infinite if the spot never crosses an edge, or if the
-    #: mirror turns away from the sun before. [rad]
+    #: Minimum |error| at which the spot leaves the aperture, shape (C, H, T). [rad]
+    #: The tolerance is 0 if the errors of the mount already move the spot out of the aperture.
+    #: The tolerance is infinite if the mirror turns away from the sun before the spot crosses an edge.
+    #: The tolerance is also infinite if the spot never crosses an edge.
     tolerance: Floats
-    #: Conic of the curve, shape (9, C, H, T): coefficients A [1], B [1], C [1], D [m], E [m], F [m^2], eccentricity
-    #: [1], and focus y and z [m]. The coefficients are divided by A, or by the coefficient of maximum magnitude if A is
-    #: negligible compared with B and C. The focus lies inside the branch that real rays trace; for an ellipse, this is
-    #: the focus nearer to the mirror. If the sun is perpendicular to the axis, the cone is a plane, and the curve is a
-    #: straight line with infinite eccentricity and no focus. All values are NaN if the curve is not a conic: for errors
-    #: of the encoder or pedestal that move the mirror centre, and for errors about the primary axis.
+    #: Conic of the curve, shape (9, C, H, T): coefficients, eccentricity [1], and focus y and z [m].
+    #: The coefficients are A [1], B [1], C [1], D [m], E [m] and F [m^2].
+    #: The coefficients are divided by A, unless A is negligible compared with B and C.
+    #: In this case, the coefficients are divided by the coefficient of maximum magnitude.
+    #: The focus lies inside the branch that real rays trace.
+    #: For an ellipse, the focus is the one nearer to the mirror.
+    #: If the sun is perpendicular to the axis, the cone is a plane, and the curve is a straight line.
+    #: A straight line has infinite eccentricity and no focus. All values are NaN if the curve is not a conic.
+    #: Errors of the encoder or pedestal that move the mirror centre do not give a conic.
+    #: Errors about the primary axis do not give a conic.
     conic: Floats
-    #: First crossing of each line, shape (3, C, H, T, L): y and z [m], and the error with its sign [rad]. The first
-    #: crossing is the crossing by real rays with the minimum |error|; NaN if there is no crossing.
+    #: First crossing of each line, shape (3, C, H, T, L): y and z [m], and the error with its sign [rad].
+    #: The first crossing is the crossing by real rays with the minimum |error|; NaN if there is no crossing.
     crossing: Floats
 
 
@@ -496,8 +501,8 @@ def first_crossing(series, lines, side: float, limit: float) -> float:
             ahead, _ = _value_and_slope(series[3], cosine, sine)
             if ahead > _PARALLEL:
                 return error + to_root if error + to_root <= limit else math.inf
-            # This is a crossing of the virtual branch, and there is no other crossing within 2 |g'| / M. The sign of g
-            # beyond the crossing is computed again, because the curve may only touch the line.
+            # The curve crosses the line on the virtual branch; the next crossing is at least 2 |g'| / M away.
+            # The sign of g is computed again beyond the crossing, because the curve may only touch the line.
             sign = 0.0
             to_root = max(past_root, _LAST_STEP)
         if error + to_root > bright:  # the mirror is lit for all errors up to `bright`
@@ -633,14 +638,14 @@ def spot_statistics(
     -------
     dict of ndarray, shape (P, H, T)
         ``mean_y``, ``mean_z`` [m], ``variance_y``, ``variance_z``, ``covariance`` [m^2] of the spots that reach the
-        plane, with n - 1 in the denominator; NaN if there are too few spots. ``real_fraction``, ``hit_fraction``:
-        fractions of the samples whose spot reaches the plane and whose spot lies in the aperture (edges included); both
-        are NaN if the sun is at or below the horizon. [1] ``status``: status of aiming, `mounts.REACHES`, `NO_SUN`,
-        `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the pivot is on the plane of the receiver or behind it.
-        ``tolerance``, shape (P, H, T, Q, 2): percentiles over all samples of the remaining tolerance about the
-        elevation axis, unit(n x z), and about the azimuth axis of the mirror, interpolated as in `numpy.percentile`.
-        The tolerance is 0 if the spot is not in the aperture, infinite if the spot does not leave it, and NaN if the
-        sun is at or below the horizon. [rad]
+        plane, with n - 1 in the denominator. They are NaN if no spot, or only one spot for the variances, reaches the
+        plane. ``real_fraction``, ``hit_fraction``: fractions of the samples whose spot reaches the plane and whose spot
+        lies in the aperture (edges included). The fractions are NaN if the sun is at or below the horizon. [1]
+        ``status``: status of aiming, `mounts.REACHES`, `NO_SUN`, `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the pivot
+        is on the plane of the receiver or behind it. ``tolerance``, shape (P, H, T, Q, 2): percentiles over all samples
+        of the remaining tolerance about the elevation axis, unit(n x z), and about the azimuth axis of the mirror,
+        interpolated as in `numpy.percentile`. The tolerance is 0 if the spot is not in the aperture, infinite if the
+        spot does not leave it, and NaN if the sun is at or below the horizon. [rad]
     """
     count = len(setting.kind), np.shape(pivots)[1]
     samples, corrected, places = (

@@ -29,8 +29,8 @@ import numpy as np
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import Stand
 
-#: Sines below this value are rounding errors. Two crossings count as one if their angular distance, seen from the
-#: mirror, is below this value.
+#: Sines below this value are rounding errors.
+#: Two crossings count as one if their angular distance, seen from the mirror, is below this value.
 _SAME = 1e-9
 
 
@@ -69,7 +69,8 @@ def beam_outline(
 ) -> Floats:
     """Return the outline of the spot of a conical beam about a central ray, shape (..., count, 2). [m]
 
-    The half angle is in rad, and the radius of the beam at the mirror is in m. Rays that miss the plane give NaN.
+    The half angle is in rad, and the radius of the beam at the mirror is in m. Points of the outline are NaN for rays
+    that miss the plane.
     """
     side = _unit(np.cross(ray, face[2]))
     turn = 2.0 * np.pi * np.arange(count) / count

@@ -134,7 +134,7 @@ class MirrorGrid(NamedTuple):
 
 
 def basis(azimuth: float, elevation: float) -> Floats:
-    """Return the axes of a frame whose x axis has the given azimuth (from south towards east) and elevation. [rad]
+    """Return the axes of a frame whose x axis has an azimuth (from south towards east) and an elevation. [rad]
 
     The rows are x = (ca ch, sa ch, sh), y = (-sa, ca, 0) and z = (-ca sh, -sa sh, ch) in R_F, shape (3, 3). [1]
     """
@@ -240,10 +240,10 @@ def scene(
 def transfers(layout: Scene) -> Floats:
     """Return matrices that convert wavefront slopes to mirror slopes, shape (3, 2, 2). [1]
 
-    `NONE` is I / 2, without the field rotation. `ROLL` is [2 cos i E T'^T]^-1, with only the rotation of the axes.
-    `EXACT` is J^-1, where J is the derivative of the wavefront slopes w with respect to the mirror slopes p at the
-    mirror centre, J = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T]. E and T' are the 2nd and 3rd rows of B_R and B_H,
-    and det J is 4 cos i. A matrix is NaN if its inverse does not exist.
+    `NONE` is I / 2, which neglects the field rotation. `ROLL` is [2 cos i E T'^T]^-1, which accounts only for the
+    rotation of the axes. `EXACT` is J^-1, where J is the derivative of the wavefront slopes w with respect to the
+    mirror slopes p at the mirror centre, J = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T]. E and T' are the 2nd and
+    3rd rows of B_R and B_H, and det J is 4 cos i. A matrix is NaN if its inverse does not exist.
     """
     e, t = layout.target_axes[1:], layout.mirror_axes[1:]
     roll = 2.0 * math.cos(layout.incidence) * product(e, t).T
@@ -358,9 +358,9 @@ def mirror_offsets(
     """Return the point of the sun's disc that a camera sees in a mirror with the normal N ~ (1, a, b).
 
     `a` and `b` are the slopes of the ideal mirror plus p [rad]. `rx`, `ry` and `rz` are the components of the unit
-    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are the vectors of these names in `Scene`. Returns the
-    2nd and 3rd components v and w of B_S S [1], and their derivatives dv/da, dv/db, dw/da, dw/db with respect to p_y
-    and p_z [1/rad].
+    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are two vectors of `Scene`. Returns the 2nd and 3rd
+    components v and w of B_S S [1], and their derivatives dv/da, dv/db, dw/da, dw/db with respect to p_y and p_z
+    [1/rad].
     """
     scale = 2.0 / (1.0 + a * a + b * b)
     along = rx + a * ry + b * rz
@@ -839,7 +839,7 @@ def rotate(image: Floats, angle: float) -> Floats:
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-        Image that is zero near its edges, because the shears wrap around.
+        Image with zeros near all edges, because the shears wrap around.
     angle : float
         Angle from the columns towards the rows: a point (u, v) moves to (u cos - v sin, u sin + v cos). [rad]
 
@@ -860,7 +860,7 @@ def rotate(image: Floats, angle: float) -> Floats:
 def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modules, grid: MirrorGrid) -> Floats:
     """Rotate and centre square images by Fourier transforms, and stretch them to the pixels of a mirror.
 
-    This is the image processing of Defieux et al. (2020) before methods A and O1. A rotation makes the rows of an image
+    Defieux et al. (2020) process images in this way before methods A and O1. A rotation makes the rows of an image
     parallel to y of the mirror. The maximum of the cross-correlation with the outline of the modules gives the shift in
     whole pixels. A linear map then stretches all images to the shape of the mirror.
 

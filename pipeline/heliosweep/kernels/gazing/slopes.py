@@ -9,7 +9,7 @@ required.
 Method O1 varies the wavefront slope w to minimise the sum of (g B(|m_i - w|) - I_i)^2 over the lit cameras, where B is
 the brightness profile of the sun and I_i the measured brightness. Methods O2 and LM trace the rays back and vary the
 mirror slope p to minimise the sum of (g B(eps_i(p)) - I_i)^2. All three methods start from the result of method A. The
-gain g of a pixel is 1, or it is fitted to minimise the sum. If g is fitted, LM removes the direction of g from the
+gain g of a pixel is 1, or g is also varied to minimise the sum. If g is fitted, LM removes the direction of g from the
 derivatives (variable projection [2]_).
 
 The simplex uses the same steps as ``scipy.optimize.minimize(method="Nelder-Mead")``: reflection 1, expansion 2,
@@ -61,7 +61,7 @@ from heliosweep.kernels.gazing.geometry import (
 from heliosweep.kernels.profiles import Profile, brightness, inverse_squares, smooth_fit, smoothed
 
 Flags = NDArray[np.uint8]
-#: Flags of a pixel. `NOT_CONVERGED`: The search ended before it converged. `UNLIT`: Fewer than 3 cameras are lit.
+#: Flags of a pixel. `NOT_CONVERGED`: The search ended before convergence. `UNLIT`: Fewer than 3 cameras are lit.
 #: `OUTSIDE`: At the slopes of LM, a lit camera looks outside the disc, where the profile is replaced by its tangent.
 NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
 #: Side of the first simplex [rad], size [rad] and merit range [1] of the last simplex, and limit of evaluations.
@@ -83,7 +83,7 @@ class SlopeFit(NamedTuple):
         For a tabulated profile, the bound is computed from the smooth fit to the table. The value is NaN for O1 and O2.
         [rad]
     gain, merit : ndarray, shape (N,)
-        Gain g, which is 1 if it is not fitted, and the minimum sum of squares. [1]
+        Gain g, which is 1 unless the gain is fitted, and the minimum sum of squares. [1]
     evaluations : ndarray of int, shape (N,)
         Number of evaluations of the merit in all stages.
     flags : ndarray of uint8, shape (N,)
@@ -268,9 +268,10 @@ def _fit(
 def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
     """Minimise a function of (a + x, b + y) over x and y, starting from three vertices (x, y, value).
 
-    `simplex` has five rows: three vertices and two trial points. Returns the number of evaluations and the second
-    return value of the last evaluation. The search ends if all vertices are within `xatol` of the best vertex in both
-    coordinates and within `fatol` in value, or at the limit of evaluations. On return, the first vertex is the minimum.
+    `simplex` has five rows: three vertices and two trial points. Returns the number of evaluations, and the second
+    return value of `function` in the last evaluation. The search ends if all vertices are within `xatol` of the best
+    vertex in both coordinates and within `fatol` in value, or at the limit of evaluations. On return, the first vertex
+    is the minimum.
     """
     count, last = 3, 0.0
     for j in range(3):
@@ -446,7 +447,7 @@ def slope_bound(
         Slopes p. [rad]
     noise : array_like, shape (), (N,) or (K, N)
         Standard deviation of normal noise in each image, relative to the disc centre in the image. For cameras with a
-        gain, it is the noise of the camera divided by the gain. Cameras with NaN are excluded. [1]
+        gain, `noise` is the noise of the camera divided by the gain. Cameras with NaN are excluded. [1]
     fit_gain : bool
         If True, the slopes are fitted together with a gain for each pixel, common to all cameras.
     lit : ndarray of int, shape (N,), optional
@@ -480,8 +481,8 @@ def slope_bound(
 
 #: Number of blocks along each side of a module, for correlated errors of neighbouring pixels.
 _BLOCKS = 4
-#: Number of random draws for the standard errors of pointing and canting. The relative random error of the standard
-#: errors is then 1.6 %.
+#: Number of random draws for the standard errors of pointing and canting.
+#: The relative random error of the standard errors is then 1.6 %.
 _DRAWS = 2000
 
 
@@ -511,9 +512,10 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
         level = spread * draws[:, 0]
         bend = np.sum(weight * (slant * draws[:, 0] + rest * draws[:, 1]), axis=(1, 2))
         moved = level - bend[:, np.newaxis, np.newaxis] * lever
-        # The values in `away` already contain errors of the modules. The part that errors can explain is removed before
-        # errors are drawn. Modules within 1.3 standard errors of the pointing are moved to the pointing. The standard
-        # errors are then accurate to 10 % for 8 modules.
+        # The values in `away` already contain errors of the modules.
+        # The part that errors can explain is removed before errors are drawn.
+        # Modules within 1.3 standard errors of the pointing are moved to the pointing.
+        # The standard errors are then accurate to 10 % for 8 modules.
         share = 1.0 - 1.3**2 * np.mean(moved**2, axis=0) / away**2
     pointing = np.median(away * np.where(share > 0.0, share, 0.0) + moved, axis=2)
     off = pointing - pointing.mean(axis=0)
@@ -525,8 +527,9 @@ def module_statistics(
 ) -> tuple[Floats, Floats, Integers]:
     """Return the mean, the root mean square and the number of usable pixels over the modules, shape (..., M) each.
 
-    `values`, shape (..., N), are NaN at pixels without a value. `module` is the row of each pixel's module, `use` is
-    False for excluded pixels, and M is `count`. Results are NaN for a module without usable pixels.
+    `values`, shape (..., N), are NaN at pixels without a value. `module` contains the row of each pixel's module, `use`
+    is False for excluded pixels, and `count` is the number M of modules. Results are NaN for a module without usable
+    pixels.
     """
     rows = values.reshape(-1, values.shape[-1])
     used = [use & ~np.isnan(row) for row in rows]
@@ -636,7 +639,7 @@ def _principal(
 def _inflation(shared: Floats) -> Floats:
     """Return, for each direction, the ratio of the block variance to the variance expected for independent pixels.
 
-    The ratio is set to 1 if it is not significantly above 1.
+    The ratio is replaced by 1 if the excess over 1 is not significant.
     """
     seen = np.isfinite(shared[0])
     if not np.any(seen):
