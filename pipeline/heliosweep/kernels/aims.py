@@ -1,8 +1,8 @@
 """Choose aim points under flux limits: the smoothed dual function, and choices for one heliostat at a time.
 
-The images form a CSR matrix, stored as a tuple: first entry of each row, cells, flux. Row a * N + i is the image of
-heliostat i with aim a. A choice contains the index of the aim chosen for each heliostat, or -1 if the heliostat is
-stowed.
+The images form a CSR matrix, stored as a tuple of the first entry of each row, the cells and the flux. Row a * N + i is
+the image of heliostat i with aim a. A choice contains the index of the aim chosen for each heliostat, or -1 if the
+heliostat is stowed.
 """
 
 import math

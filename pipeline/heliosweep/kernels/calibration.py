@@ -7,10 +7,10 @@ estimates the first 2, 4 or 6 errors of `mounts.ERRORS` by minimising
     1/2 sum_i c^2 rho(w_i |r_i|^2 / c^2),    r_i = predicted - measured observation,
 
 where the weights w_i are divided by their mean. The loss rho(u) is u (squared), u up to 1 and 2 sqrt(u) - 1 beyond
-(Huber), or log(1 + u) (Cauchy). The loss of a spot depends on its distance, not on each coordinate separately. The
-Levenberg-Marquardt steps use iteratively reweighted rows of the Jacobian [1]_. After `PATIENCE` steps, the method uses
-the second derivative of the cost. The Cauchy loss may have several minima, so its fit starts from the solution for the
-Huber loss. All other fits start from zero.
+(Huber), or log(1 + u) (Cauchy). The loss of a spot depends on the distance |r_i|, not on each coordinate separately.
+The Levenberg-Marquardt steps use iteratively reweighted rows of the Jacobian [1]_. After `PATIENCE` steps, the method
+uses the second derivative of the cost. The Cauchy loss may have several minima, so its fit starts from the solution for
+the Huber loss. All other fits start from zero errors.
 
 Derivatives: an error rotates the mirror about an axis w. A unit vector a of the mirror (the normal n for spots, the
 axis of the reflecting cylinder for crossings) moves by w x a, and the mirror centre p by w x arm, where arm is the
@@ -168,7 +168,7 @@ def fit(
     """
     limit = CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit
     count, spots = observed.weight.shape
-    step, found = max(1, 20_000 // max(1, spots)), []  # mounts of a batch, to limit memory
+    step, found = max(1, 20_000 // max(1, spots)), []  # number of mounts in a batch, which limits memory
     with np.errstate(all="ignore"):
         for first in range(0, max(count, 1), step):
             part = slice(first, first + step)

@@ -64,7 +64,7 @@ def pack_windows(sun: ArrayLike, starts: ArrayLike, weights: ArrayLike | None = 
     starts : array_like of int, shape (W + 1,)
         Window w contains the instants starts[w] to starts[w + 1] - 1.
     weights : array_like, shape (T,), optional
-        Weight of each instant, 1 by default; instants of weight zero do not count. [1]
+        Weight of each instant, 1 by default; instants of weight zero are omitted. [1]
 
     Returns
     -------

@@ -615,8 +615,8 @@ def pointing_turns(
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     first, stride : int
-        Index of the first instant, and stride. Rotations are 0 unless the sum of the indices of mirror and instant is a
-        multiple of the stride.
+        Index of the first instant, and stride of the computed rotations. Rotations are 0 unless the sum of the indices
+        of mirror and instant is a multiple of the stride.
     """
     out = np.zeros((stop - start, len(sun), 2))
     _turns(

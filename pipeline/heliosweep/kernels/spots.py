@@ -1,8 +1,8 @@
 """Spots of misaligned mirrors: deviation curves of single errors, and spots of mounts with all errors.
 
 **Curve**. A mount aims as if it had no errors. The actual errors of the mount determine the mirror centre P and the
-normal n. The mirror has two axes: the elevation axis e, horizontal if the primary axis z is vertical and has no errors,
-and b = e x n up the slope. An error of the angle eps rotates the normal about the axis a:
+normal n. The mirror has two axes: the elevation axis e, which is horizontal if the primary axis z is vertical and has
+no errors, and the axis b = e x n up the slope. An error of the angle eps rotates the normal about the axis a:
 
     n(eps) = Rot(a, eps) n,   a = e (elevation: + raises n), -b (azimuth), -z (encoder azimuth): + rotates n
                               clockwise seen from the end of the primary axis
@@ -145,13 +145,11 @@ class Curves(NamedTuple):
     #: Conic of the curve, shape (9, C, H, T): coefficients, eccentricity [1], and focus y and z [m].
     #: The coefficients are A [1], B [1], C [1], D [m], E [m] and F [m^2].
     #: The coefficients are divided by A, unless A is negligible compared with B and C.
-    #: In this case, the coefficients are divided by the coefficient of maximum magnitude.
-    #: The focus lies inside the branch that real rays trace.
-    #: For an ellipse, the focus is the one nearer to the mirror.
-    #: If the sun is perpendicular to the axis, the cone is a plane, and the curve is a straight line.
-    #: A straight line has infinite eccentricity and no focus. All values are NaN if the curve is not a conic.
-    #: Errors of the encoder or pedestal that move the mirror centre do not give a conic.
-    #: Errors about the primary axis do not give a conic.
+    #: If A is negligible, the coefficients are divided by the coefficient of maximum magnitude. The focus lies inside
+    #: the branch that real rays trace. For an ellipse, the focus is the one nearer to the mirror. If the sun is
+    #: perpendicular to the axis, the cone is a plane, and the curve is a straight line. A straight line has infinite
+    #: eccentricity and no focus. All values are NaN if the curve is not a conic. Errors of the encoder or pedestal that
+    #: move the mirror centre do not give a conic. Errors about the primary axis do not give a conic.
     conic: Floats
     #: First crossing of each line, shape (3, C, H, T, L): y and z [m], and the error with its sign [rad].
     #: The first crossing is the crossing by real rays with the minimum |error|; NaN if there is no crossing.
@@ -345,7 +343,7 @@ def _conic(curve: Curve, face: Matrix) -> tuple[float, float, float, float, floa
         for other in (second, third, fourth, fifth, sixth):
             scale = other if abs(other) > abs(scale) else scale
     eccentricity, focus_y, focus_z = math.inf, math.nan, math.nan
-    if abs(k) > 1e-14:  # otherwise, the cone is a plane
+    if abs(k) > 1e-14:  # if k is 0, the cone is a plane
         eccentricity = math.sqrt(max(ay * ay + az * az, 0.0)) / abs(k)
         sign = math.copysign(1.0, k)
         s = sign * px / (math.sqrt(max(1.0 - k * k, 0.0)) - sign * ax)
@@ -440,7 +438,7 @@ def spot_series(curve: Curve, face: Matrix) -> tuple[Series, Series, Series, Ser
 
 @inline
 def _moment(curve, axis, sign, rays):
-    """Return the series of sign * axis . (p x R) = R . (sign * axis x p)."""
+    """Return the series of sign * axis.(p x R) = R.(sign * axis x p)."""
     q0, q1, q2 = cross(axis, curve.centre[0]), cross(axis, curve.centre[1]), cross(axis, curve.centre[2])
     r0, r1, r2, r3, r4 = rays
     half = 0.5 * sign
@@ -638,14 +636,15 @@ def spot_statistics(
     -------
     dict of ndarray, shape (P, H, T)
         ``mean_y``, ``mean_z`` [m], ``variance_y``, ``variance_z``, ``covariance`` [m^2] of the spots that reach the
-        plane, with n - 1 in the denominator. They are NaN if no spot, or only one spot for the variances, reaches the
-        plane. ``real_fraction``, ``hit_fraction``: fractions of the samples whose spot reaches the plane and whose spot
-        lies in the aperture (edges included). The fractions are NaN if the sun is at or below the horizon. [1]
-        ``status``: status of aiming, `mounts.REACHES`, `NO_SUN`, `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the pivot
-        is on the plane of the receiver or behind it. ``tolerance``, shape (P, H, T, Q, 2): percentiles over all samples
-        of the remaining tolerance about the elevation axis, unit(n x z), and about the azimuth axis of the mirror,
-        interpolated as in `numpy.percentile`. The tolerance is 0 if the spot is not in the aperture, infinite if the
-        spot does not leave it, and NaN if the sun is at or below the horizon. [rad]
+        plane, with n - 1 in the denominator. The means are NaN if no spot reaches the plane, and the variances and the
+        covariance if fewer than two spots reach the plane. ``real_fraction``, ``hit_fraction``: fractions of the
+        samples whose spot reaches the plane and whose spot lies in the aperture (edges included). The fractions are NaN
+        if the sun is at or below the horizon. [1] ``status``: status of aiming, `mounts.REACHES`, `NO_SUN`,
+        `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the pivot is on the plane of the receiver or behind it.
+        ``tolerance``, shape (P, H, T, Q, 2): percentiles over all samples of the remaining tolerance about the
+        elevation axis, unit(n x z), and about the azimuth axis of the mirror, interpolated as in `numpy.percentile`.
+        The tolerance is 0 if the spot is not in the aperture, infinite if the spot does not leave it, and NaN if the
+        sun is at or below the horizon. [rad]
     """
     count = len(setting.kind), np.shape(pivots)[1]
     samples, corrected, places = (
@@ -654,7 +653,7 @@ def spot_statistics(
     suns = np.broadcast_to(sun, (count[0], *np.shape(sun)[1:]))
     wanted, shape = np.array(percentiles, np.float64), (*count, suns.shape[1])
     moments, tolerance = np.full((len(MOMENTS), *shape), np.nan), np.full((*shape, len(wanted), 2), np.nan)
-    step = max(1, 100_000 // samples.shape[2])  # instants at a time, to limit memory
+    step = max(1, 100_000 // samples.shape[2])  # number of instants at a time, which limits memory
     for p, h in np.ndindex(*shape[:2]):
         ours, theirs, here = (each[p : p + 1, h : h + 1] for each in (samples, corrected, places))
         one = Setting._make(values[p : p + 1] for values in setting)

@@ -150,7 +150,7 @@ def mirror_angles(frame: Floats, sun: Floats, to_elevation: Floats, to_azimuth: 
     Parameters
     ----------
     frame, sun
-        As in `stand` and `crossings`.
+        Frames of the mounts, as in `stand`, and unit vectors to the sun, as in `crossings`.
     to_elevation, to_azimuth : ndarray, shape (..., 3)
         Vectors from the pivot to one point of the elevation trace and one point of the azimuth trace. [m]
 

@@ -15,8 +15,8 @@ PACKET = 64
 #: Packets are padded to a multiple of this number of lanes, which is the vector length of the widest processors.
 GROUP = 8
 
-#: Distance between the starts of successive rows, in numbers. It is not `PACKET`, because `PACKET` is a power of two.
-#: The rows of short packets would then share one eighth of the sets of the processor's cache.
+#: Distance between the starts of successive rows, in numbers. The distance is larger than `PACKET`.
+#: At the distance `PACKET`, a power of two, rows of short packets would share one eighth of the cache's sets.
 ROW = PACKET + GROUP
 
 

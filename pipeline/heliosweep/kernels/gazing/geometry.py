@@ -861,8 +861,8 @@ def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modul
     """Rotate and centre square images by Fourier transforms, and stretch them to the pixels of a mirror.
 
     Defieux et al. (2020) process images in this way before methods A and O1. A rotation makes the rows of an image
-    parallel to y of the mirror. The maximum of the cross-correlation with the outline of the modules gives the shift in
-    whole pixels. A linear map then stretches all images to the shape of the mirror.
+    parallel to the y axis of the mirror. The maximum of the cross-correlation with the outline of the modules gives the
+    shift in whole pixels. A linear map then stretches all images to the shape of the mirror.
 
     Parameters
     ----------

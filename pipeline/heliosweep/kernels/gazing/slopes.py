@@ -238,7 +238,7 @@ def _fit(
     rays, bright, rows, simplex = np.empty((cameras, 3)), np.empty(cameras), np.empty((cameras, 3)), np.empty((5, 3))
     sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
     for n in range(images.shape[1]):
-        y, z, count = pixels[0, n], pixels[1, n], np.int64(0)  # for a literal 0, callees would be compiled twice
+        y, z, count = pixels[0, n], pixels[1, n], np.int64(0)  # a literal 0 would compile callees twice
         x, a, b = (0.0, 0.0, 0.0) if wavefront else ideal_mirror(layout.focal_length, y, z)
         for i in range(cameras):
             if images[i, n] >= threshold:  # False for NaN
@@ -371,7 +371,7 @@ def solutions(gaze: Floats) -> Floats:
     """Return the least-squares solution of method A for each set of lit cameras.
 
     The cameras are at m_i = `gaze`, shape (K, 2) [rad], with K from 3 to 8. Row s of the result, shape (2^K, 2, K)
-    [1/rad], belongs to the set of cameras i for which bit i of s is 1. The deviation is d = row . (eps0_i^2 - eps_i^2)
+    [1/rad], belongs to the set of cameras i for which bit i of s is 1. The deviation is d = row.(eps0_i^2 - eps_i^2)
     for any constant c. The row is 0 for dark cameras and NaN if the set does not determine d.
     """
     cameras = len(gaze)
@@ -406,10 +406,10 @@ def wavefront_departures(
 ) -> tuple[Floats, NDArray[np.int64]]:
     """Return deviations d of the wavefront slopes from the ideal mirror, shape (2, N) [rad], and the lit cameras.
 
-    `images` (K, N) contains brightness relative to the disc centre [1], with NaN for excluded pixels. `ideal` and
-    `rows` come from `look_back` and `solutions`. `threshold` is the minimum brightness of a lit camera. Deviations are
-    NaN if fewer than 3 cameras are lit or the lit cameras are in one line. The lit cameras of a pixel are stored as an
-    integer, in which bit i is set if camera i is lit.
+    `images` (K, N) contains brightness relative to the disc centre [1], with NaN for excluded pixels. `ideal` contains
+    squared angles from `look_back` [rad^2], and `rows` the least-squares solutions from `solutions`. `threshold` is the
+    minimum brightness of a lit camera. Deviations are NaN if fewer than 3 cameras are lit or the lit cameras are in one
+    line. The lit cameras of a pixel are stored as an integer, in which bit i is set if camera i is lit.
     """
     lit = images >= threshold  # False for NaN
     masks = np.sum(lit * (1 << np.arange(len(images)))[:, np.newaxis], axis=0)
@@ -444,7 +444,7 @@ def slope_bound(
     pixels : ndarray, shape (2, N)
         Coordinates y and z of the pixels. [m]
     slopes : ndarray, shape (2, N)
-        Slopes p. [rad]
+        Slopes p relative to the ideal mirror. [rad]
     noise : array_like, shape (), (N,) or (K, N)
         Standard deviation of normal noise in each image, relative to the disc centre in the image. For cameras with a
         gain, `noise` is the noise of the camera divided by the gain. Cameras with NaN are excluded. [1]
