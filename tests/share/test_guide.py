@@ -58,12 +58,14 @@ def test_every_command_has_examples_in_its_help(name, capsys):
     assert f"examples:\n  heliosweep {name}" in out
 
 
-def test_the_wheel_brings_the_studies_with_their_files(tmp_path):
+def test_the_wheel_brings_the_studies_with_their_files_and_the_types(tmp_path):
     build = "import sys; from hatchling.build import build_wheel; build_wheel(sys.argv[1])"
     subprocess.run([sys.executable, "-c", build, str(tmp_path)], cwd=ROOT, check=True, timeout=60)
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
-        brought = {name.removeprefix("heliosweep/studies/") for name in archive.namelist() if "/studies/" in name}
+        names = archive.namelist()
+    brought = {name.removeprefix("heliosweep/studies/") for name in names if "/studies/" in name}
+    assert {"heliosweep/__init__.pyi", "heliosweep/py.typed"} <= {*names}
     assert brought == {str(path.relative_to(STUDIES)) for path in STUDIES.rglob("*") if path.is_file()}
 
 

@@ -251,7 +251,7 @@ def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
     for name in ("cell_methods", "valid_range"):
         if name in one.attrs and words in {known for _, known, _ in _STATISTICS.values()}:
             attrs[name] = one.attrs[name]
-    if BEST_VALUE in one.attrs and words.startswith(("mean over the draws", "percentiles")):
+    if BEST_VALUE in one.attrs and words in {_STATISTICS[name][1] for name in ("sample_mean", "sample_percentile")}:
         attrs[BEST_VALUE] = one.attrs[BEST_VALUE]
     return attrs
 

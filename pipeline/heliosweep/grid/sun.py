@@ -61,10 +61,11 @@ class Instants:
 
     The labels depend on the clock:
 
-    - ``solar``: ``day`` or ``declination``, and ``solar_hour``; - ``civil``: ``utc``, which also has the dimension
-    `dim` if the clocks of the sites differ; - ``weather``: ``utc``, the midpoint of each interval, and ``hours``, the
-    length of each interval; these labels also have the dimension `dim` if the weather files differ; - ``sun``: a single
-    ``instant`` for each sun direction.
+    - ``solar``: ``day`` or ``declination``, and ``solar_hour``;
+    - ``civil``: ``utc``, which also has the dimension `dim` if the clocks of the sites differ;
+    - ``weather``: ``utc``, the midpoint of each interval, and ``hours``, the length of each interval; these labels also
+      have the dimension `dim` if the weather files differ;
+    - ``sun``: a single ``instant`` for each sun direction.
     """
 
     labels: dict[str, Label]

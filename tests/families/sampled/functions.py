@@ -79,7 +79,7 @@ class Functions(Family):
             "monthly": Variable((*dims, "month", "heliostat"), attrs("multiple in each month")),
             "value": Variable(dims, attrs("function of Ishigami"), finished=True),
             "product": Variable(dims, attrs("g-function"), finished=True),
-            "total": Variable(dims, attrs("weighted sum"), finished=True),
+            "total": Variable(dims, attrs("weighted sum") | {"best_value": "largest"}, finished=True),
             "constant": Variable(dims, attrs("constant"), finished=True),
         }
 

@@ -68,6 +68,9 @@ def test_a_sum_of_normals(tmp_path: Path) -> None:
     error = result["total_sample_standard_error"].item()
     assert 0 < error < 0.01
     assert abs(result["total_sample_mean"].item() - mean) < 4 * error
+    best = {ending for ending in ("mean", "percentile", "standard_deviation", "standard_error")
+            if result[f"total_sample_{ending}"].attrs.get("best_value") == "largest"}  # fmt: skip
+    assert best == {"mean", "percentile"}
     assert result["total_sample_standard_deviation"].item() == pytest.approx(deviation, rel=0.02)
     spread = 1.6448536269514722 * deviation
     np.testing.assert_allclose(result["total_sample_percentile"], [mean - spread, mean, mean + spread], atol=0.05)
