@@ -271,10 +271,9 @@ def calibrate_mount(
         Variables `estimated_error` and `standard_error` with the dimension ``parameter`` [mrad]. The arguments `errors`
         and `corrected` of other functions accept the estimated errors. The residuals `residual_y` and `residual_z` are
         the measured minus the predicted coordinates of the spots [m]. `condition_number` is the condition number of the
-        Jacobian [1]. `calibration_status` is 0 (errors
-        estimated), 1 (too few spots), 2 (condition number above the limit), 3 (not converged), 4 (the spots do not
-        distinguish the errors), 5 (too few spots for standard errors) or 6 (no spot). Values are NaN if there is no
-        estimate. The other dimensions are as in `mount_spots`.
+        Jacobian [1]. `calibration_status` is 0 (errors estimated), 1 (too few spots), 2 (condition number above the
+        limit), 3 (not converged), 4 (the spots do not distinguish the errors), 5 (too few spots for standard errors) or
+        6 (no spot). Values are NaN if there is no estimate. The other dimensions are as in `mount_spots`.
 
     Raises
     ------
