@@ -113,7 +113,7 @@ def test_errors_of_a_calibration_are_those_that_it_found(field, tmp_path):
     given = field(mount_errors={"azimuth_reference": 1.5, "tilt_about_north": -1})
     np.testing.assert_allclose(found, intercept(given), atol=1e-7)
     assert np.all(found < intercept(field()))
-    with pytest.raises(StudyError, match="is of azimuth_elevation mounts, and 'tracking' is of target_aligned"):
+    with pytest.raises(StudyError, match="is for azimuth_elevation mounts, but 'tracking' is for target_aligned"):
         api.plan(field({"tracking": "spinning_elevation"}, mount_errors={"calibration": name}))
     other = table(tmp_path / "other.csv", "x,y", [(25, 80), (-60, 110), (45, 150)])
     with pytest.raises(StudyError, match=r"has no heliostat 0 \(line 2\) of .*other\.csv \(1 are missing\)"):
@@ -159,7 +159,7 @@ def test_a_map_is_in_place_of_a_slope_error(field, tmp_path):
     half = grid(tmp_path / "facet.csv", 4.45, 3.95)
     assert np.all(intercept(field(facets, slope_map=half, slope_error=None)) > 0)
     with pytest.raises(
-        StudyError, match=r"from -4\.25 to 4\.25 m and -3\.75 to 3\.75 m, are of no mirror of 9 m x 6 m"
+        StudyError, match=r"from -4\.25 to 4\.25 m and -3\.75 to 3\.75 m, do not fit a mirror of 9 m x 6 m"
     ):
         api.plan(field({"heliostat": {"width": 9, "height": 6, "pivot_height": 5}}, slope_map=name, slope_error=None))
 
@@ -349,7 +349,7 @@ def test_heliostats_without_a_map_have_the_slope_error(field, tmp_path):
     study = field(slope_map=name, slope_error=2)
     (note,) = study.notes()
     assert note.startswith("1 heliostats have a map of")
-    assert note.endswith("2 the slope error of the study")
+    assert note.endswith("2 have the slope error of the study")
     found, plain = intercept(study), intercept(field(slope_error=2))
     np.testing.assert_allclose(found[:, [0, 2]], plain[:, [0, 2]], atol=2e-3)
     assert np.all(np.abs(found[:, 1] - plain[:, 1]) > 0.01)
@@ -358,7 +358,7 @@ def test_heliostats_without_a_map_have_the_slope_error(field, tmp_path):
     with pytest.raises(StudyError, match="has no map for 2 heliostats: give 'slope_error' for these"):
         api.plan(field(slope_map=name, slope_error=None))
     other = maps(tmp_path / "other.nc", SHAPES[:1], name=["Z9"])
-    with pytest.raises(StudyError, match=r"has no map for a heliostat of .* by name, id or number: it has maps of Z9"):
+    with pytest.raises(StudyError, match=r"has no map for a heliostat of .* by name, id or .*: its maps are for Z9"):
         api.plan(field(slope_map=other, slope_error=1))
 
 
@@ -426,7 +426,7 @@ def test_maps_of_several_files_are_one_file(field, tmp_path):
     with h5py.File(tmp_path / "empty.h5", "w") as file:
         file.create_group("facet1")
     for name in ("bad", "empty"):
-        with pytest.raises(StudyError, match=rf"{name}\.h5: is not a readable deflectometry file of PAINT or SOFAST"):
+        with pytest.raises(StudyError, match=rf"{name}\.h5: is not a readable PAINT or SOFAST deflectometry file"):
             heliosweep.read_slope_map(tmp_path / f"{name}.h5")
     with h5py.File(tmp_path / "local.h5", "w") as file:  # each facet counts from its own centre
         for number in (1, 2):

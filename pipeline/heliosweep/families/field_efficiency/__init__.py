@@ -21,9 +21,9 @@ class FieldEfficiency(Family):
     """Study family for the optical efficiency of heliostat fields."""
 
     def of_result(self, result: xr.Dataset) -> Family:
-        """Return the family with the headlines that suit a result.
+        """Return the family with headlines chosen for a result.
 
-        With `keep`, the first headlines are the number of heliostats, the mirror area and the design-point power.
+        If the study has `keep`, the number of heliostats, the mirror area and the design-point power come first.
         """
         keep = json.loads(result.attrs["study"]).get("keep")
         if not keep:
@@ -37,7 +37,7 @@ class FieldEfficiency(Family):
         return cut
 
     def figures_of_draws(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Return the figure of the error budget if the result has an error budget."""
+        """Return the error budget figure if the result has an error budget."""
         from heliosweep.families.field_efficiency.figures import budget_figure
 
         return [budget_figure(result)] if "budget_loss_sample_mean" in result else []

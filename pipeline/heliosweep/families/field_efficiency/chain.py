@@ -1,4 +1,4 @@
-"""Light path from the mirrors to the receiver: scene of the ray tracer, losses in the air, and reflectivity."""
+"""Light path from the mirrors to the receiver: ray tracing scene, losses in the air, and reflectivity."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Inputs:
 
     @contextmanager
     def series_from(self, key: tuple[int, ...]) -> Iterator[Future[Any]]:
-        """Yield a future for the ray sums of a field at each instant. `series_of` returns the result of this future."""
+        """Yield a future that receives the ray sums of a field at each instant. `series_of` returns its result."""
         self._series[key] = future = Future[Any]()
         while len(self._series) > KEPT:
             del self._series[next(iter(self._series))]
@@ -76,7 +76,7 @@ class Inputs:
                 future.set_result(None)
 
     def series_of(self, key: tuple[int, ...]) -> Any:
-        """Return the ray sums at each instant that were computed with the means of a point; None if not available."""
+        """Return the ray sums at each instant if they were computed together with the means of a point, or None."""
         future = self._series.get(key)
         return None if future is None else future.result()
 
@@ -88,13 +88,13 @@ class Inputs:
         return value[1]
 
     def sun_of(self, values: Mapping[str, Any]) -> sunshapes.SunShape:
-        """Return the sun shape at a point; `values` maps the last part of each key to its value."""
+        """Return the sun shape at a result point. `values` maps the last part of each key to its value."""
         ratio = [values["circumsolar_ratio"]] * (values["kind"] == "buie")
         return self.sun if values["kind"] == "table" else getattr(sunshapes, values["kind"])(*ratio)
 
 
 def _mount_errors(values: Mapping[str, Any], inputs: Inputs, layout: Layout) -> Floats:
-    """Return the mount errors of a layout, shape (N, 6), or shape (0, 6) if all errors are zero. [rad]"""
+    """Return the mount errors of all heliostats. The shape is (N, 6), or (0, 6) if all errors are zero. [rad]"""
     if inputs.mounts is not None:
         found = values["scale"] * inputs.mounts.of(layout)
         return found if found.any() else found[:0]
@@ -122,7 +122,7 @@ def months_of(instants: Instants, longitude: float | None) -> NDArray[np.int64] 
     return stamps.astype("datetime64[M]").astype(np.int64) % 12
 
 
-#: Centres x, y, z, half widths, half heights and aim points of the mirrors [m], and the code of the tracking method.
+#: Mirror centres (x, y, z), half widths, half heights and aim points, all in m, and the code of the tracking method.
 Geometry = tuple[Floats, Floats, Floats, Floats, Floats, Any, int]
 
 
@@ -135,11 +135,11 @@ class Way(NamedTuple):
     inputs: Inputs
     #: Layout with all heliostats of the field.
     layout: Layout
-    #: Value of each key in `optics.KEYS`, by the last part of the key.
+    #: Values of `optics.KEYS`, named by the last part of each key.
     values: Mapping[str, Any]
 
     def spot(self, slant: Floats, sides: Floats) -> Floats:
-        """Return the standard deviation of each heliostat's on-axis image by the HFLCAL model, shape (N,). [m]
+        """Return the standard deviation of each heliostat's on-axis image, shape (N,), from the HFLCAL model. [m]
 
         Measured slopes are treated as random slope errors. If measured slopes include focus and canting, only their
         deviations from a mirror focused at the slant range count as errors.
@@ -180,7 +180,7 @@ class Way(NamedTuple):
 
     @property
     def map(self) -> SlopeMap | None:
-        """Slope maps at this point of the result; None without slope maps."""
+        """Slope maps at this result point; None if the study has none."""
         name = self.values["slope_map"]
         return None if name is None else self.inputs.maps[PurePath(name).name]
 
@@ -190,7 +190,7 @@ class Way(NamedTuple):
         return np.zeros(len(self.layout), bool) if self.map is None else self.map.numbers(self.layout) >= 0
 
     def curve(self, slant: Floats) -> Floats:
-        """Return 1 / (2 focal length) of each mirror along its width and height, shape (N, 2). [1/m]"""
+        """Return 1 / (2 f) along each mirror's width and height, where f is the focal length, shape (N, 2). [1/m]"""
         found: Floats = 0.5 / self.layout.focal_lengths(self.values["focus"], slant)
         return found * self._ideal[:, np.newaxis]
 
@@ -211,7 +211,7 @@ class Way(NamedTuple):
         Parameters
         ----------
         mirrors : tuple
-            Centres x, y, z, half widths, half heights and aim points of all mirrors [m], and the code of the tracking
+            Mirror centres (x, y, z), half widths, half heights and aim points, all in m, and the code of the tracking
             method.
         """
         values, layout = self.values, self.layout
@@ -229,9 +229,9 @@ class Way(NamedTuple):
         )  # fmt: skip
 
     def _slopes(self, sides: Floats, tracking: int) -> rays.SlopeMap | None:
-        """Return slope maps along the axes u and v of the mirrors; None without slope maps.
+        """Return the slope maps along the mirror axes u and v; None if the study has none.
 
-        If some heliostats have no map, a map of zeros is appended for these heliostats.
+        If some heliostats have no map, a map of zeros is appended for them.
         """
         found = self.map
         if found is None:
@@ -245,7 +245,7 @@ class Way(NamedTuple):
         return rays.SlopeMap(x, y, slope, number % len(slope), not found.fits(*sides))
 
     def transmitted(self, mirrors: Geometry, place: Sequence[Any]) -> Floats:
-        """Return the transmittance of the air for each heliostat, shape (N,). `place` has the values of `PLACE`. [1]"""
+        """Return the air transmittance for each heliostat, shape (N,). `place` contains the values of `PLACE`. [1]"""
         values = self.values
         given = {key: values[key] for key in ("visibility", "water_vapour") if values[key] is not None}
         altitude = place[2] if values["altitude"] is None else values["altitude"]
@@ -253,10 +253,10 @@ class Way(NamedTuple):
         return transmittance(slant_of(mirrors), values["attenuation"], **given)
 
     def reflected(self, months: NDArray[np.int64] | None, count: int) -> Floats:
-        """Return the factor by which month and washing change `reflection` at each instant, shape (count,). [1]"""
+        """Return the factor for the month and the soiling by which `reflection` is multiplied, shape (count,). [1]"""
         values, monthly = self.values, self.study.optics.cleanliness_by_month
         clean = np.ones(1) if monthly is None else np.array(monthly)[months]
-        if values["rate"] is not None:  # with staggered washing, the mean dirt is half of the maximum
+        if values["rate"] is not None:  # with staggered washing, the mean soiling is half the maximum
             clean = clean * (1.0 - values["rate"] * values["washing_interval"] / 2.0)
         return np.broadcast_to(clean, count)
 
@@ -267,6 +267,6 @@ def slant_of(mirrors: Geometry) -> Floats:
 
 
 def values_of(given: Sequence[Any]) -> dict[str, Any]:
-    """Return the values of `optics.KEYS`, named by the last part of each key. The mount seed is named `mount_seed`."""
+    """Map the last part of each key in `optics.KEYS` to its value. The mount error seed is named `mount_seed`."""
     names = ["mount_seed" if key == "optics.mount_errors.seed" else key.rpartition(".")[2] for key in KEYS]
     return dict(zip(names, given, strict=True))

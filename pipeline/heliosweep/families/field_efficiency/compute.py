@@ -1,4 +1,4 @@
-"""Compute the efficiencies of a field over a region of the grid: by rays with `optics`, otherwise by exact polygons."""
+"""Compute field efficiencies over a region of the grid, by ray tracing with `optics`, otherwise by exact polygons."""
 
 from __future__ import annotations
 
@@ -80,12 +80,12 @@ if TYPE_CHECKING:
     from heliosweep.layouts.layout import Layout
 
 
-#: Maximum size of an array over the instants and a block of heliostats. [bytes]
+#: Maximum size of an array with values for all instants and one heliostat block. [bytes]
 BLOCK_BYTES = 4 * 2**20
-#: Number of rays with the computing time of one heliostat at one instant without optics.
+#: Number of rays that take as long to compute as one heliostat at one instant without optics.
 BUNDLE = 64
 
-#: Memory for the frames of one mirror at all sun directions of a packet. [bytes]
+#: Memory for the frames of one mirror at all sun directions in a packet. [bytes]
 FRAME_BYTES = packets.PACKET * 10 * 8
 
 _SIZES = ("heliostat.width", "heliostat.height")
@@ -96,7 +96,7 @@ _LABELS = (
     *(*_SIZES, "heliostat.pivot_height", "receiver.height", *_KEEP),
 )
 
-#: Labels of the dimensions of outlines, with the attributes of these labels.
+#: Labels of the outline dimensions, and attributes of these labels.
 _OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
     "effect": (np.array(["shading", "blocking"], object), {"long_name": "cause of the loss: shading or blocking"}),
     "image": (np.arange(0),
@@ -104,7 +104,7 @@ _OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
                   "number of an outline on the mirror, counted from 0, in descending order of area"
               ), "units": "1"}),
     "corner": (np.arange(efficiency.OUTLINE_CORNERS),
-               {"long_name": "number of a corner of an outline, counted from 0, counter-clockwise", "units": "1"}),
+               {"long_name": "number of a corner of an outline, counter-clockwise, counted from 0", "units": "1"}),
 }  # fmt: skip
 
 
@@ -148,7 +148,7 @@ def _energy_labels(study: FieldEfficiencyStudy) -> dict[str, tuple[np.ndarray, d
     found: dict[str, tuple[np.ndarray, dict[str, str]]] = {}
     if study.weather is not None:
         all_stages = np.array((*stages(study), *(HEAT_STAGES if has_heat(study) else ())), object)
-        words = {"long_name": "stage of the optical path at which energy is lost, in the order of the light"}
+        words = {"long_name": "stage of the optical path at which energy is lost, in order along the light path"}
         found["month"] = np.arange(1, MONTHS + 1), {"long_name": "month of the year", "units": "1"}
         found["stage"] = all_stages, words
         found["cause"] = (
@@ -174,7 +174,7 @@ def _evaluations(study: FieldEfficiencyStudy) -> int:
 
 
 def _fixed_memory(study: FieldEfficiencyStudy) -> int:
-    """Return the memory for neighbouring mirrors, values at all instants, and one block of heliostats. [bytes]"""
+    """Return the memory needed for neighbouring mirrors, values at all instants, and one heliostat block. [bytes]"""
     heliostats, instants = longest(study), _instants(study)
     each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
     each += 2 * 640 * (KEPT * is_series_traced(study) or has_heat(study))
@@ -257,7 +257,7 @@ def _spread(values: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 
 def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
-    """Return the sun directions at a point, the irradiation (None without weather), and months (None if not needed)."""
+    """Return the sun directions at a point, irradiation (None without weather), and months (None if not needed)."""
     study, points, place = point.study, point.points, [point[key] for key in PLACE]
     around = points.once("around", lambda: Parameters(study, {k: v for k, v in points.region.items() if k != "time"}))
     suns = points.once("suns", lambda: Suns(around if _complete(study) else points.parameters))
@@ -273,7 +273,7 @@ def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None
 def _sums_of(
     field: Field | TracedField, sun: np.ndarray, hours: Hours | None, first: int, stop: int, future: Future[Any] | None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return means, energies and design-point values of the heliostats `first` to `stop` - 1, and sums of the field."""
+    """Return means, energies and design-point values of heliostats `first` to `stop` - 1, and sums over the field."""
     light = LightSums(field.way) if isinstance(field, TracedField) else None
     given, pieces = {} if light is None else {"light": light}, []
     for start, end in _blocks(field.study, len(sun), first, stop):
@@ -303,7 +303,7 @@ def _series_of(
 
 
 class Altered(Point):
-    """Point of the result at which `values` replace the values of some keys."""
+    """Result point at which `values` override the values of some keys."""
 
     def __init__(self, point: Point, values: Mapping[str, Any]) -> None:
         vars(self).update(vars(point))
@@ -318,7 +318,7 @@ def _budget(
 ) -> dict[str, np.ndarray]:
     """Return the error budget of a field. `actual` is the energy on the receiver with all causes. [MWh]
 
-    All cases use the rays of this field. The aim points are also unchanged, unless a cause changes the receiver.
+    All cases use the same rays and, unless a cause changes the receiver, the same aim points.
     """
     number = field.number_of_rays(hours) if isinstance(field, TracedField) else 0
 
@@ -340,7 +340,7 @@ def _joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
 
 
 def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: int, stop: int) -> dict[str, np.ndarray]:
-    """Return the mount angles at each instant, for a single sun direction, or over the period."""
+    """Return the mount angles at each instant or for one sun direction, or the motion of the mounts over the period."""
     series, directions = "time" in point.points.region, isinstance(point.study.time, SunDirections)
     names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
     over = None if series or directions else hours_of(point.all_instants, point.study.time)
@@ -351,7 +351,7 @@ def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: in
 def _field(
     point: Point, layout: Layout, *, months: np.ndarray | None, aim: np.ndarray | None = None
 ) -> Field | TracedField:
-    """Return the field of a layout at a point of the result; `aim` replaces the aim points of the study."""
+    """Return the field of a layout at a point of the result; `aim` overrides the study's aim points."""
     study, place = point.study, [point[key] for key in PLACE]
     sides = _sides(point, layout)
     mirrors: Geometry = (
@@ -389,14 +389,14 @@ def _complete(study: FieldEfficiencyStudy) -> bool:
 
 
 def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Yield ranges of heliostats to compute together. Memory for values at all instants limits the range lengths."""
+    """Yield ranges of heliostats to compute together. The memory for values at all instants limits their lengths."""
     length = max(32, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
     length = 4096 if study.optics is not None else length  # number of mirrors that are traced together
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
 def _geometry(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return the mirror areas and positions of the heliostats, and the land area of the field. [m2, m, deg]"""
+    """Return the mirror areas [m2] and positions [m, deg] of the heliostats, and the land area of the field [m2]."""
     study, lands = points.study, dict[tuple[tuple[int, ...], float], float]()
     area = np.zeros((*points.sizes.values(), points.inputs.layouts.size))
     distance, elevation, land = np.full(area.shape, np.nan), np.full(area.shape, np.nan), np.zeros(area.shape[:-1])
@@ -500,7 +500,7 @@ def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarra
 
 
 def _attributes(study: FieldEfficiencyStudy) -> dict[str, str]:
-    """Return result attributes: polygons of the ground, and numbers of heliostats with and without slope maps."""
+    """Return the result attributes: ground polygons, and the numbers of heliostats with and without slope maps."""
     layouts = Layouts(study)
     maps = "" if study.optics is None else "; ".join(map(str, mapped(study, next(iter(layouts.some()))[0])))
     return layouts.areas() | ({"slope_maps": maps} if maps else {})
@@ -530,12 +530,12 @@ def best(
     Parameters
     ----------
     values : ndarray, shape (heliostat,)
-        Values by which heliostats are ranked, highest first. Heliostats with equal values keep their order; NaN is
-        last.
+        Values by which heliostats are ranked, highest first. Heliostats with equal values keep their order; NaN
+        ranks last.
     number, power : float, optional
         Number of heliostats to keep, or required power in the unit of `power_of`.
     power_of : callable
-        Function that takes rows of heliostats and returns the power of a field with only these heliostats.
+        Function that takes heliostat rows and returns the power of a field that contains only these heliostats.
 
     Returns
     -------

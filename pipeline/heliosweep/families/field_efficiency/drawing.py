@@ -1,4 +1,4 @@
-"""Special figures of a field, drawn with matplotlib. Each public function has the name of a figure in `figures`."""
+"""Draw the special figures of a field with matplotlib. Each public function is named after a figure in `figures`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _bars(
     context: Context, points: Sequence[Mapping[str, int]], steps: Sequence[str], height: float, xlabel: str,
     draw: Callable[[Any, Any], None],
 ) -> Any:  # fmt: skip
-    """Draw one panel of horizontal bars for each point. `draw` draws the bars of a panel, one bar for each step."""
+    """Draw one panel of horizontal bars for each point. `draw` adds the bars to a panel, one bar for each step."""
     drawing, grid = panels(len(points), 2, height * len(steps), wide=True, sharex=True, sharey=True)
     for axes, point in zip(grid, points, strict=True):
         draw(axes, point)
@@ -117,7 +117,7 @@ def error_budget(result: xr.Dataset) -> Any:
 
 
 def capital_cost(result: xr.Dataset) -> Any:
-    """Draw the capital cost by item as stacked bars at some points of the sweep."""
+    """Draw stacked bars of the capital cost by item at some points of the sweep."""
     context, cost = Context(result), result["capital_cost"]
     dims = [*(str(dim) for dim in cost.dims if dim != "item" and cost.sizes[dim] > 1), None, None][:2]
     fixed = context.fixed(cost, "item", *dims)

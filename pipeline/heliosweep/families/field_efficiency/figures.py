@@ -1,4 +1,4 @@
-"""Figures of a field: energy losses, maps of the heliostats, and curves over swept keys."""
+"""Figures of a field: energy losses, heliostat maps, and curves over swept keys."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _AIMS = ("aimed_power", "unlimited_power", "limit_loss", "aim_gap", "aimed_peak_
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Yield the tables of energies, error budget, weather years and mean efficiencies."""
+    """Yield tables of energies, the error budget, weather years and mean efficiencies."""
     dims = [str(dim) for dim in result["field_optical_efficiency"].dims]
     whole = {str(name) for name, array in result.data_vars.items() if set(array.dims) == set(dims)}
     names = [*_COST, "field_receiver_energy", "field_energy_per_mirror_area", "field_incident_energy", "hours_used",
@@ -34,7 +34,9 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     if columns:
         yield numbers(result, dims, columns, "Energy, power and size", [_sums(result)] if energy else [], digits=4)
     if parts := budget_columns(result):
-        note = "Loss due to each cause alone, and their interaction: the loss due to all causes minus these losses."
+        note = (
+            "Loss due to each cause alone, and interaction: the loss due to all causes minus the sum of these losses."
+        )
         yield numbers(result, dims, parts, "Error budget", [note], digits=4)
     years = [_named(result, name) for name in map(str, result.data_vars) if name.endswith(("_p50", "_p90"))]
     if years:
@@ -55,7 +57,7 @@ def budget_columns(result: xr.Dataset) -> list[xr.DataArray]:
 
 
 def budget_figure(result: xr.Dataset) -> Figure:
-    """Return the declaration of the budget figure, which shows means if the result has draws."""
+    """Declare the budget figure. The figure shows means if the result has draws."""
     mean = "_sample_mean" * ("budget_loss_sample_mean" in result)
     names = [f"budget_{name}{mean}" for name in ("loss", "gain", "energy", "stage_loss")]
     title = f"{'Mean e' if mean else 'E'}nergy lost to each cause, relative to the energy without the causes"
@@ -80,7 +82,7 @@ def _named(result: xr.Dataset, name: str) -> xr.DataArray:
 
 
 def _sums(result: xr.Dataset) -> str:
-    """Return a sentence about the number of hours over which energies are summed."""
+    """Return a sentence that gives the number of hours over which energies are summed."""
     daylight = (result["hours_used"] + result["hours_lost"].sum("cause")).to_numpy()
     low, high = float(daylight.min()), float(daylight.max())
     hours = f"{low:,.0f} h" if high - low < 0.5 else f"{low:,.0f} to {high:,.0f} h"
@@ -93,7 +95,7 @@ _EFFICIENCIES = tuple(f"{name}_efficiency" for name in (
 ))  # fmt: skip
 _ENERGY = ("energy_per_mirror_area", "receiver_energy", "rank")
 PLACES = ("latitude", "site", "layout")
-#: Dimensions that are shown in special figures and not as swept keys.
+#: Dimensions shown in special figures instead of as swept keys.
 _OWN = (HELIOSTAT, "time", "month", "stage", "cause", "item", *DIMS, "effect", "image", "corner")
 
 
@@ -145,7 +147,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
                ("field_power", "dni", *(f"field_instantaneous_{name}" for name in _EFFICIENCIES), "sun_elevation"),
                over=("time",) if "time" in result.coords else ("none",), lines=lines, image=False),
         Curves("duration_curves", (
-            "Number of hours in which the irradiance or the power is at least the value on the curve"
+            "Number of hours during which the irradiance or the power is at least the value on the curve"
         ),
                ("dni_reached", "power_reached"), over=("duration",), lines=lines, derive=_durations,
                interactive=False),
@@ -158,8 +160,8 @@ def figures(result: xr.Dataset) -> list[Figure]:
                lines=lines)
           for axis in ("primary", "secondary")),
         _special("mirror_outlines",
-                "Mirror with the largest shadows and blocked parts, seen from the front; numbers are the heliostats "
-                "that shade or block",
+                "Mirror with the largest shadows and blocked parts, seen from the front; numbers identify the "
+                "heliostats that shade or block it",
                 ("outline_u", "outline_v", "outline_heliostat", "shading_efficiency", "blocking_efficiency")),
         *(Rasters(f"{name}s", words, (name,), over=DIMS, panels=("aim_levels", *places),
                   notes="Mean over each cell. A cylinder is unrolled by the azimuth of its surface, clockwise from "

@@ -1,4 +1,4 @@
-"""Flux maps of the receiver, and aim points by levels, from the layout or under a flux limit."""
+"""Receiver flux maps, and aim points on levels, from the layout or under a flux limit."""
 
 from __future__ import annotations
 
@@ -42,30 +42,30 @@ DIMS = ("flux_row", "flux_column")
 
 
 class FluxMap(Block):
-    """Flux map with a number of receiver cells along each side. The flux is averaged over each cell."""
+    """Flux map on a grid of receiver cells. The flux is averaged over each cell."""
 
     columns: Annotated[
         int,
         Quantity("Number of cells along the width of a rectangle or around a cylinder", "1", ge=1, le=360, integer=True,
                  sweep=False),
     ]  # fmt: skip
-    rows: Annotated[int, Quantity("Cells along the height", "1", ge=1, le=360, integer=True, sweep=False)]
+    rows: Annotated[int, Quantity("Number of cells along the height", "1", ge=1, le=360, integer=True, sweep=False)]
     limit: Annotated[
         float | None,
         Quantity(
-            "Flux limit: the fraction of the power on cells above this flux is stored", "kW/m2", gt=0, sweep=False
+            "Flux limit; the fraction of the power on cells above this limit is stored", "kW/m2", gt=0, sweep=False
         ),
     ] = None
 
 
 def flux_cells(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
-    """Return the numbers of rows and columns of a flux map; None without flux maps."""
+    """Return the numbers of rows and columns of the flux map; None if the study has no flux map."""
     wanted = study.output.flux_map
     return None if wanted is None else (wanted.rows, wanted.columns)
 
 
 def cells_of(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
-    """Return the numbers of rows and columns of receiver cells for a flux limit or flux maps; None without both."""
+    """Return the numbers of rows and columns of receiver cells; None without flux limit and flux map."""
     if study.aim is not None and is_limited(study):
         return study.aim.flux_rows, study.aim.flux_columns
     return flux_cells(study)
@@ -127,11 +127,11 @@ class Aim(Block):
     strategy: Annotated[
         str,
         Choice(
-            "Strategy of the aim points",
+            "Aiming strategy",
             {
-                "centre": "all at the middle of the receiver; on a cylinder, at the point of this height that faces "
+                "centre": "all at the centre of the receiver; on a cylinder, at the point at mid-height that faces "
                 "the heliostat",
-                "spread": "at levels over the receiver's height, cyclically around the tower",
+                "spread": "at several levels of the receiver, assigned cyclically around the tower",
                 "layout": "at the points aim_x, aim_y, aim_z of the layout [m]",
                 "flux_limit": "on a grid of points, or stowed, to maximise the power under a flux limit",
             },
@@ -140,13 +140,13 @@ class Aim(Block):
     ] = "centre"
     levels: Annotated[
         int | Sweep | None,
-        Quantity("Number of levels of spread; 1 is the middle", "1", ge=1, le=99, integer=True, dimension="aim_levels",
-                 title="levels of aim"),
+        Quantity("Number of levels for spread; 1 is the centre", "1", ge=1, le=99, integer=True, dimension="aim_levels",
+                 title="number of aim levels"),
     ] = None  # fmt: skip
     limit: Annotated[
         float | Sweep | None,
-        Quantity("Maximum flux of each cell of the receiver, for flux_limit", "kW/m2", gt=0, dimension="flux_limit",
-                 title="limit of the flux"),
+        Quantity("Maximum flux on each receiver cell, for flux_limit", "kW/m2", gt=0, dimension="flux_limit",
+                 title="flux limit"),
     ] = None  # fmt: skip
     limits: Annotated[
         tuple[tuple[float, ...], ...] | None,
@@ -168,7 +168,7 @@ class Aim(Block):
     at: Annotated[
         str,
         Choice(
-            "Instants of the aims",
+            "Instants for which aim points are chosen",
             {
                 "design_point": "one set of aim points, for the design point or the only instant",
                 "instants": "one set for each instant",
@@ -196,8 +196,8 @@ class Aim(Block):
 def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
     """Return the aim points of the mirrors.
 
-    Heliostats aim at the centre of the receiver without `aim`, with `centre`, and before `flux_limit` selects aim
-    points. If the receiver is a cylinder, heliostats aim at the nearest surface point at mid-height.
+    Without `aim`, with `centre`, and before `flux_limit` selects aim points, heliostats aim at the centre of the
+    receiver. If the receiver is a cylinder, heliostats aim at the nearest surface point at mid-height.
 
     With `spread`, the levels are evenly spaced over the height of the receiver. This height is reduced at each end by
     the radius of the heliostat's spot (two standard deviations of its on-axis HFLCAL image). Heliostats are ordered by
@@ -209,7 +209,7 @@ def aims(way: Way, mirrors: Geometry, levels: int | None) -> Floats:
     way : Way
         Optical path at a point of the result.
     mirrors : tuple
-        Centres x, y, z, half widths and half heights of all mirrors, in the argument order of `sorted_field`. [m]
+        Mirror centres (x, y, z), half widths and half heights, in the argument order of `sorted_field`. [m]
     levels : int or None
         Number of levels for `spread`.
 
@@ -260,7 +260,7 @@ def room(way: Way, centre: Floats, sides: Floats, middle: Floats) -> Floats:
 def aim_problems(
     study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
 ) -> Iterator[Problem | str]:
-    """Yield the problems and warnings about aim points at the first point of the result with any message."""
+    """Yield the problems and warnings about aim points, from the first result point that has any."""
     inputs = Inputs(study)
     for layout, given in points:
         way = Way(study, inputs, layout, values_of([given.get(key) for key in KEYS]))

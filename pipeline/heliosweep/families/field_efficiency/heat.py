@@ -66,8 +66,8 @@ class Economics(Block):
     heliostat_cost: Annotated[float | Sweep, _cost("Cost of heliostats per m2 of mirrors")] = 127.0
     land_cost: Annotated[float | Sweep, _cost("Cost of land per m2")] = 2.47105
     further_land: Annotated[
-        float | Sweep, _cost("Land in addition to the land of the heliostats, in m2 (default: 45 acres)",
-                             "land in addition to the land of the heliostats in m2")
+        float | Sweep, _cost("Land in addition to the heliostat field, in m2 (default: 45 acres)",
+                             "land in addition to the heliostat field in m2")
     ] = 182_108.5  # fmt: skip
     tower_cost: Annotated[
         float | Sweep, _cost("Fixed cost of the tower, to which the exponential growth with height applies")
@@ -107,7 +107,7 @@ class Economics(Block):
 
 
 def has_heat(study: FieldEfficiencyStudy) -> bool:
-    """Return True if the study specifies an absorptance or thermal losses of the receiver."""
+    """Return True if the study specifies the absorptance or the thermal losses of the receiver."""
     return study.receiver.absorptance is not None or study.receiver.thermal_losses is not None
 
 
@@ -125,7 +125,7 @@ def heat_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ..
 
 
 def check_losses(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Check that the absorbed power can exceed the thermal losses, with direct sunlight on all mirrors."""
+    """Check that the power absorbed with direct sunlight on all mirrors can exceed the thermal losses."""
     losses, point = study.receiver.thermal_losses, study.design_point
     if losses is None:
         return
@@ -181,7 +181,7 @@ def _losses(values: Mapping[str, Any]) -> float:
 
 
 def heat_power(power: Any, values: Mapping[str, Any], table: Floats | None) -> Any:
-    """Return the heat power of a receiver for a given power of light on the receiver. [MW]
+    """Return the heat output of a receiver for a given power on the receiver. [MW]
 
     `values` maps the last part of each key to its value.
     """

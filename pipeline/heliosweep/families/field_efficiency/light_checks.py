@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
 
-#: Names of the polynomial attenuation models, and the maximum slant range of these models. [m]
+#: Names of the polynomial attenuation models, and maximum slant range of these models [m].
 POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
 
 
 def light_faults(
     study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
 ) -> Iterator[Problem | str]:
-    """Yield problems and warnings of a study with `optics`. `points` yields each layout with its key values."""
+    """Yield problems and warnings about a study with `optics`. `points` yields each layout with its key values."""
     warned: set[str] = set()
     for layout, values in points:
         for found in (*_receiver(study, layout, values), *_errors(study, layout), *mapped(study, layout)):
@@ -59,7 +59,7 @@ def _rays(study: Any) -> Iterator[Problem | str]:
     total = usual_rays(study, longest(study), instants) * longest(study) * instants * points
     if total > MOST_RAYS:
         key, remedy = ("precision", "increase it") if study.optics.rays is None else ("rays", "lower it")
-        message = f"gives {total:.2g} rays in all, {total / RAYS_PER_SECOND / 3600:,.0f} h on one core; at most "
+        message = f"gives {total:.2g} rays in total, {total / RAYS_PER_SECOND / 3600:,.0f} h on one core; at most "
         yield study.problem(f"optics.{key}", f"{message}{MOST_RAYS:.0e}: {remedy}, or compute fewer points")
 
 
@@ -124,7 +124,7 @@ def _errors(study: Any, layout: Layout) -> Iterator[Problem]:
     calibrated = read_calibration(study.resolve(errors.calibration), errors.calibration)
     wanted = {"target_aligned" if kind == "spinning_elevation" else kind for kind in ends(study.tracking)}
     if calibrated.mount and wanted != {calibrated.mount}:
-        message = f"is of {calibrated.mount} mounts, and 'tracking' is of {' and '.join(sorted(wanted))}"
+        message = f"is for {calibrated.mount} mounts, but 'tracking' is for {' and '.join(sorted(wanted))}"
         yield study.problem("optics.mount_errors.calibration", message)
     calibrated.of(layout)
 
@@ -136,7 +136,7 @@ def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
         value = getattr(study.heliostat, side)
         least = np.inf if value is None else min(ends(value))
         if facets is not None and least <= (count - 1) * facets.gap:
-            yield study.problem("heliostat.facets.gap", f"leaves no {side} for {count} facets on {least:g} m")
+            yield study.problem("heliostat.facets.gap", f"leaves no {side} for {count} facets on a side of {least:g} m")
 
 
 def _files(study: Any) -> Iterator[Problem | str]:
@@ -166,9 +166,9 @@ def _files(study: Any) -> Iterator[Problem | str]:
             if not _fits(study, found, width, height):
                 span = (f"{at[0]:g} to {at[-1]:g} m" for at in (found.x, found.y))
                 message = (
-                    f"{name}: positions along x and y, from {' and '.join(span)}, are of no mirror of {width:g} m x "
+                    f"{name}: positions along x and y, from {' and '.join(span)}, do not fit a mirror of {width:g} m x "
                 )
-                facet = "" if study.heliostat.facets is None else ", nor of its facets"
+                facet = "" if study.heliostat.facets is None else " or its facets"
                 yield study.problem("optics.slope_map", f"{message}{height:g} m{facet}")
                 return
 
@@ -191,12 +191,12 @@ def mapped(study: Any, layout: Layout) -> Iterator[Problem | str]:
             others = len(layout) - of_map
             given = errors != (None, None) or "slope_error" in layout.columns
             if not of_map:
-                first = f"{layout.name or 'the layout'} by name, id or number: it has maps of {few_of(found.names)}"
+                first = f"{layout.name or 'the layout'} by name, id or number: its maps are for {few_of(found.names)}"
                 yield study.problem(key, f"{name} has no map for a heliostat of {first}")
             elif others and not given:
                 yield study.problem(key, f"{name} has no map for {others:,} heliostats: give 'slope_error' for these")
             else:
-                yield f"{of_map:,} heliostats have a map of {name}, {others:,} the slope error of the study"
+                yield f"{of_map:,} heliostats have a map of {name}, {others:,} have the slope error of the study"
 
 
 def _fits(study: FieldEfficiencyStudy, found: SlopeMap, width: float, height: float) -> bool:

@@ -1,4 +1,4 @@
-"""Optical input files: measured sun shapes, slope maps of mirrors, and mount errors from a calibration."""
+"""Optical input files: measured sun shapes, mirror slope maps, and mount errors from a calibration."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from heliosweep.kernels.mounts import ERRORS
 from heliosweep.layouts.layout import Layout, label_of
 from heliosweep.lazy import xr
 
-#: Maximum number of rows in the table of a slope map.
+#: Maximum number of rows in a slope map table.
 MAX_POINTS = 1_000_000
 #: Maximum absolute slope in a slope map. [mrad]
 MOST_SLOPE = 100.0
 #: Layout columns with angles by which the normals of the heliostats are rotated. [mrad]
 TURN_COLUMNS = ("error_u", "error_v")
 _MAP = {
-    **{axis: Column(f"place {way} of the centre, in m", required=True, least=-100, most=100,
+    **{axis: Column(f"position {way} of the centre, in m", required=True, least=-100, most=100,
                     bounds="between -100 and 100 m") for axis, way in (("x", "to the right"), ("y", "upwards"))},
     **{f"slope_{axis}": Column(f"tilt of the normal {way}, in mrad", required=True, least=-MOST_SLOPE, most=MOST_SLOPE,
                                bounds=f"between {-MOST_SLOPE:g} and {MOST_SLOPE:g} mrad")
@@ -61,7 +61,7 @@ class SlopeMap(NamedTuple):
         return layout.matches(self.names) if self.names else np.zeros(len(layout), np.int64)
 
     def fits(self, width: float, height: float) -> bool:
-        """Return True if the map fits a mirror: its outer points are within one step of each edge."""
+        """Return True if the map fits a mirror: its outer points are within one grid step of the mirror edges."""
         return all(
             abs(sign * at[end] - side / 2) <= 1.000001 * (at[1] - at[0])
             for at, side in ((self.x, width), (self.y, height))
@@ -76,7 +76,7 @@ def facet_side(side: float, count: int, gap: float) -> float:
 
 @read_once(4)
 def read_slopes(path: Path, name: str) -> SlopeMap:
-    """Read slopes from a CSV table, a NetCDF file, or an HDF5 file of PAINT or SOFAST. Raises StudyError."""
+    """Read slopes from a CSV table, a NetCDF file, or a PAINT or SOFAST HDF5 file. Raises StudyError."""
     ending = path.suffix.lower()
     if ending in (".h5", ".hdf5"):
         return _slopes_of_dataset(read_slope_map(path, name=name), name)
@@ -137,13 +137,16 @@ def _checked(found: SlopeMap, name: str) -> SlopeMap:
 
 
 def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
-    """Return the slope maps of a data set with axes (z, y) or (y, x) and optional heliostats. Raises StudyError."""
+    """Return the slope maps in a data set with dimensions (z, y) or (y, x), and optionally `heliostat`.
+
+    Raises StudyError.
+    """
     maps = [result[name] for name in ("slope_x", "slope_y") if name in result]
     up, right = next((dims for dims in (("z", "y"), ("y", "x")) if all({*dims} <= {*each.dims} for each in maps)),
                      ("", ""))  # fmt: skip
     if len(maps) < 2 or not up:
-        message = "has no slope_x and slope_y over z and y: give a result of backward_gazing, simulated with "
-        raise StudyError(Problem(f"{message}'output: {{maps: true}}', or maps of heliosweep.grid_slopes", file=name))
+        message = "has no slope_x and slope_y with dimensions z and y: give a backward_gazing result, simulated with "
+        raise StudyError(Problem(f"{message}'output: {{maps: true}}', or maps from heliosweep.grid_slopes", file=name))
     several = "heliostat" in maps[0].dims
     maps = [each if several else each.expand_dims("heliostat") for each in maps]
     slope = 1e-3 * np.stack([_single(each, ("heliostat", up, right), name) for each in maps], axis=-1)
@@ -157,13 +160,13 @@ def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
 
 
 def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: str = "") -> xr.Dataset:
-    """Read the measured surface of a heliostat from an HDF5 file of PAINT or SOFAST.
+    """Read a measured heliostat surface from a PAINT or SOFAST HDF5 file.
 
     Parameters
     ----------
     path : path
-        Deflectometry file of PAINT (groups ``facet1``, ... with `surface_points` and `surface_normals`), or SOFAST file
-        of OpenCSP (``DataSofastCalculation``) for one facet or a facet ensemble.
+        PAINT deflectometry file with groups ``facet1``, ... that contain `surface_points` and `surface_normals`, or
+        OpenCSP SOFAST file with a group ``DataSofastCalculation`` for one facet or a facet ensemble.
     step : float
         Side length of a map cell. [m]
     name : str
@@ -173,8 +176,9 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
     -------
     xarray.Dataset
         Slopes in the form returned by `grid_slopes`, with all facets on one map. Maps from PAINT have the dimension
-        ``heliostat`` of length 1. The label is the part of the file name before the first hyphen. To use several maps
-        in `optics.slope_map`, join them with ``xarray.concat(maps, "heliostat")`` and save them with ``to_netcdf``.
+        ``heliostat`` of length 1, labelled with the part of the file name before the first hyphen. To use several
+        maps in `optics.slope_map`, join them with ``xarray.concat(maps, "heliostat")`` and save them with
+        ``to_netcdf``.
 
     Raises
     ------
@@ -216,7 +220,7 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
         points, normals = (np.concatenate(each) for each in zip(*facets, strict=True))
         found: xr.Dataset = grid_slopes(points, normals, step=step)
     except (OSError, KeyError, ValueError) as error:
-        message = f"is not a readable deflectometry file of PAINT or SOFAST: {error.args[0] if error.args else error}"
+        message = f"is not a readable PAINT or SOFAST deflectometry file: {error.args[0] if error.args else error}"
         raise StudyError(Problem(message, file=name)) from None
     return found.expand_dims(heliostat=[file.name.partition("-")[0]]) if paint else found
 
@@ -230,14 +234,14 @@ class Calibrated(NamedTuple):
     place: Floats
     #: Heliostat names from the column `name` or `id` of the calibrated layout; empty if both columns are missing.
     names: tuple[str, ...]
-    #: Kind of the mounts.
+    #: Mount kind.
     mount: str
     file: str
 
     def of(self, layout: Layout) -> Floats:
         """Return the errors of a layout's heliostats, matched by name or `id`, otherwise by number and position.
 
-        Raises StudyError if a heliostat is missing in the calibration or has no estimate.
+        Raises StudyError if a heliostat is missing from the calibration or has no estimate.
         """
         names = layout.columns.get(label_of(layout.columns))
         if self.names and names is not None:
@@ -264,10 +268,10 @@ class Calibrated(NamedTuple):
 
 @read_once(4)
 def read_calibration(path: Path, name: str) -> Calibrated:
-    """Read the estimated mount errors from the result of a calibration. Raises StudyError."""
+    """Read the estimated mount errors from a calibration result. Raises StudyError."""
     with _result(path, name) as result:
         if (found := result.get("estimated_error")) is None:
-            raise StudyError(Problem("is not the result of a calibration: it has no estimated_error", file=name))
+            raise StudyError(Problem("is not a calibration result: it has no estimated_error", file=name))
         errors = 1e-3 * _single(found, ("heliostat", "parameter"), name)
         known = [ERRORS.index(str(label)) for label in result["parameter"].to_numpy()]
         six = np.zeros((len(errors), len(ERRORS)))
@@ -295,7 +299,7 @@ def _result(path: Path, name: str) -> xr.Dataset:
 
 
 def _single(array: xr.DataArray, dims: tuple[str, ...], name: str) -> Any:
-    """Return the values of an array over `dims`. All other dimensions must have length 1. Raises StudyError."""
+    """Return the values of an array with dimensions `dims`. Other dimensions must have length 1. Raises StudyError."""
     many = [str(dim) for dim, size in array.sizes.items() if dim not in dims and size > 1]
     if many:
         raise StudyError(Problem(f"has several values of {', '.join(many)}: give a result with one value", file=name))

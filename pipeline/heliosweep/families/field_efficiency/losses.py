@@ -78,7 +78,7 @@ class Tower(Block):
 
 
 class Horizon(Block):
-    """Horizon of the site, interpolated linearly between azimuths. Below the horizon, the sun counts as set."""
+    """Horizon of the site, interpolated linearly between azimuths. The sun is treated as set below the horizon."""
 
     table: Annotated[
         tuple[tuple[float, ...], ...] | None,
@@ -98,11 +98,11 @@ class Horizon(Block):
 
 
 class Availability(Block):
-    """Availability of the heliostats. Energy lost while heliostats do not operate is a separate stage of loss."""
+    """Availability of the heliostats. Energy lost while heliostats do not operate is a separate loss stage."""
 
     fraction: Annotated[
         float | Sweep | None,
-        Quantity("Fraction of the time in which a heliostat operates (default: the column 'availability' of the "
+        Quantity("Fraction of the time during which a heliostat operates (default: the column 'availability' of the "
                  "layout, otherwise 1)", "1", ge=0, le=1, dimension="availability", title=("availability of the "
                                                                                           "heliostats")),
     ] = None  # fmt: skip
@@ -175,7 +175,9 @@ def year_variables(study: Any, found: Mapping[str, Variable]) -> dict[str, Varia
     for name in _EXCEEDED if dim else ():
         for label, part in _PROBABILITIES.items() if name in found else ():
             words = f"{label.upper()} of the {found[name].attrs['long_name']}"
-            comment = f"value that a year exceeds with a probability of {100 * part:g} %: quantile of the weather files"
+            comment = (
+                f"value that a year exceeds with a probability of {100 * part:g} %: quantile over the weather files"
+            )
             made[f"{name}_{label}"] = quantity((), "MWh", words, comment, finished=True, without=(str(dim),))
     return made
 
@@ -191,7 +193,7 @@ def over_years(study: Any, dims: Sequence[str], values: Mapping[str, Any]) -> di
 
 
 def hidden(sun: Floats, horizon: Floats | None) -> NDArray[np.bool_]:
-    """Return True if the sun, shape (T, 3), is above the horizontal plane but below the site's horizon, shape (T,)."""
+    """Return True for each sun direction above the horizontal plane but below the site's horizon, shape (T,)."""
     up: NDArray[np.bool_] = sun[:, 2] > 0.0
     if horizon is None:
         return np.zeros_like(up)
@@ -234,7 +236,7 @@ def check_tower(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 
 class Outages(NamedTuple):
-    """Outages of heliostats, with times in universal time."""
+    """Heliostat outages, with times in universal time."""
 
     #: Name or number of the heliostat for each outage.
     heliostat: tuple[str, ...]
@@ -242,7 +244,7 @@ class Outages(NamedTuple):
     end: NDArray[np.datetime64]
 
     def of(self, layout: Layout) -> dict[int, tuple[NDArray[np.datetime64], NDArray[np.datetime64]]]:
-        """Return the start and end times of each heliostat's outages, by row of the layout."""
+        """Return the start and end times of each heliostat's outages, by layout row."""
         labels, of = np.unique(self.heliostat, return_inverse=True)
         match = layout.matches(labels.tolist())
         return {row: (self.begin[of == match[row]], self.end[of == match[row]])

@@ -59,10 +59,15 @@ class FacetGrid(Block):
 
     columns: Annotated[
         int,
-        Quantity("Facets along the width", "1", ge=1, le=50, integer=True, sweep=False, dimension="facet_columns"),
+        Quantity(
+            "Number of facets along the width", "1", ge=1, le=50, integer=True, sweep=False, dimension="facet_columns"
+        ),
     ]
     rows: Annotated[
-        int, Quantity("Facets along the height", "1", ge=1, le=50, integer=True, sweep=False, dimension="facet_rows")
+        int,
+        Quantity(
+            "Number of facets along the height", "1", ge=1, le=50, integer=True, sweep=False, dimension="facet_rows"
+        ),
     ]
     gap: Annotated[float, Quantity("Gap between facets", "m", ge=0, sweep=False, dimension="facet_gap")] = 0.0
     canting: Annotated[
@@ -129,7 +134,7 @@ class Receiver(ReceiverPoint):
     ] = None
     absorptance: Annotated[
         float | Sweep | None,
-        Quantity("Fraction of the light on the receiver that is absorbed, to compute heat", "1", gt=0, le=1,
+        Quantity("Absorbed fraction of the light on the receiver, to compute heat", "1", gt=0, le=1,
                  title="absorptance of the receiver"),
     ] = None  # fmt: skip
     thermal_losses: Annotated[
@@ -177,7 +182,8 @@ class SunShape(Block):
     file: Annotated[
         str | None,
         FileName(
-            "CSV table of a measured sun, for table: angle from the sun's centre in mrad, and brightness", sweep=False
+            "CSV table of a measured sun shape, for table: angle from the sun's centre in mrad, and brightness",
+            sweep=False,
         ),
     ] = None
 
@@ -187,7 +193,7 @@ class SunShape(Block):
         for kind, key, what in (("buie", "circumsolar_ratio", ", from 0.001 to 0.8"), ("table", "file", "")):
             given = getattr(self, key) is not None
             if kind in kinds and not given:
-                yield Fault(f"'{key}' is missing: {kind} has it{what}", show_value=False)
+                yield Fault(f"'{key}' is missing: {kind} needs it{what}", show_value=False)
             if kind not in kinds and given:
                 yield Fault(f"is only for the sun shape {kind}; remove it", (key,))
 
@@ -202,7 +208,7 @@ class PointingErrors(MountAngles):
     ] = None  # fmt: skip
     calibration: Annotated[
         str | None,
-        FileName("Result of a calibration (family misalignment), whose estimates replace the six errors",
+        FileName("Calibration result (family misalignment) with estimates that replace the six errors",
                  sweep=False),
     ] = None  # fmt: skip
 
@@ -256,7 +262,9 @@ def _error(description: str, title: str) -> Quantity:
 class Optics(Block):
     """Optics between mirror and receiver."""
 
-    sun_shape: Annotated[SunShape, Field(description="Brightness of the sun against the angle from its centre")]
+    sun_shape: Annotated[
+        SunShape, Field(description="Brightness of the sun as a function of the angle from its centre")
+    ]
     reflectivity: Annotated[
         float | Sweep | None,
         Quantity("Fraction of the light that a clean mirror reflects (default: the column 'reflectivity' of the "
@@ -324,10 +332,10 @@ class Optics(Block):
     slope_map: Annotated[
         str | Sweep | None,
         FileName("Measured slopes of a mirror or facet. One map for all heliostats: CSV table with x, y in m and "
-                 "slope_x, slope_y in mrad, result of backward_gazing, or HDF5 of SOFAST. A map for each of several "
-                 "heliostats: NetCDF with a dimension heliostat, or HDF5 of PAINT; the slope error applies to "
-                 "heliostats without a map",
-                 title="map of slopes"),
+                 "slope_x, slope_y in mrad, backward_gazing result, or SOFAST HDF5 file. A map for each of several "
+                 "heliostats: NetCDF file with a dimension heliostat, or PAINT HDF5 file; the slope error applies "
+                 "to heliostats without a map",
+                 title="slope map"),
     ] = None  # fmt: skip
     specularity_error: Annotated[
         float | Sweep,
@@ -355,7 +363,7 @@ class Optics(Block):
     ] = None  # fmt: skip
     seed: Annotated[
         int,
-        Quantity("Seed of the random numbers of rays", "1", ge=0, le=MAX_SEED, integer=True, sweep=False,
+        Quantity("Seed of the random numbers for ray tracing", "1", ge=0, le=MAX_SEED, integer=True, sweep=False,
                  dimension="ray_seed"),
     ] = 0  # fmt: skip
     method: Annotated[

@@ -127,7 +127,7 @@ class Keep(Block):
 
 
 def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
-    """Yield faults of a study with `keep`: missing keys, and keys that cannot be combined with `keep`."""
+    """Yield faults in a study with `keep`: missing keys, and keys that cannot be combined with `keep`."""
     keep = study.keep
     if keep is None:
         return
@@ -168,8 +168,8 @@ class FieldOutput(Output):
     outlines: Annotated[
         int,
         Quantity(
-            "Maximum number of shadows, and of blocked areas, per mirror whose outlines are stored, in descending "
-            "order of area; only for one instant or for directions of the sun",
+            "Maximum number of outlines of shadows, and of blocked areas, that are stored for each mirror, in "
+            "descending order of area; only for one instant or for sun directions",
             "1", ge=0, le=100, integer=True, sweep=False,
         ),
     ] = 0  # fmt: skip
@@ -207,11 +207,11 @@ class FieldEfficiencyStudy(Study):
         Field(description="Instants over which efficiencies are averaged, or directions of the sun"),
     ]
     layout: Annotated[LayoutBlock, Field(description="Layout of the field")]
-    heliostat: Annotated[Heliostat, Field(description="The mirror of all heliostats")]
+    heliostat: Annotated[Heliostat, Field(description="Mirror of all heliostats")]
     receiver: Annotated[Receiver, Field(description="Receiver, which also defines the aim point of all heliostats")]
     tower: Annotated[Tower | None, Field(description="Tower that shades the mirrors (default: none)")] = None
     optics: Annotated[
-        Optics | None, Field(description="Optics between mirror and receiver, traced by rays (default: none)")
+        Optics | None, Field(description="Optics between mirror and receiver, computed by ray tracing (default: none)")
     ] = None
     aim: Annotated[
         Aim | None, Field(description="Aim points of the heliostats (default: the centre of the receiver)")
@@ -232,7 +232,7 @@ class FieldEfficiencyStudy(Study):
         Keep | None,
         Field(
             description=(
-                "Selection of the best heliostats, which are then computed again without the others (default: all)"
+                "Selection of the best heliostats; the field is then recomputed with only these (default: all)"
             )
         ),
     ] = None
@@ -282,7 +282,7 @@ class FieldEfficiencyStudy(Study):
             (self.output.outlines and count > 1, "output.outlines",
              f"need one instant, but the study has {count:,}: give one, or 'clock: sun' with directions"),
             (self.optics and self.receiver.kind is None, "receiver",
-             "'kind' is missing: with 'optics' the receiver has a size, as {kind: rectangle, width: 12, ...}"),
+             "'kind' is missing: with 'optics' the receiver has a size, such as {kind: rectangle, width: 12, ...}"),
             (wanted and self.weather is None and not has_instant(self), "output.flux_map",
              "needs one instant or a year: give 'design_point', 'weather', or 'clock: sun' with directions"),
             *((self.optics is None and attrgetter(key)(self) is not None, key,
@@ -307,7 +307,7 @@ class FieldEfficiencyStudy(Study):
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that the sun rises and is up at the design point at one site or more; warn about other sites."""
+    """Check that the sun rises, and is up at the design point, at one or more sites; warn about other sites."""
     if isinstance(study.time, SunDirections):
         heights = ends(study.time.elevation)
         if max(heights) <= 0:
@@ -390,7 +390,7 @@ def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 
 
 def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that light and aim points reach the receiver, and that the receiver is high enough for aim levels."""
+    """Check that light reaches the receiver, and that the aim points and aim levels fit on the receiver."""
     if study.optics is None:
         return
     yield from light_faults(study, Layouts(study).some({"heliostat.pivot_height": min, "receiver.height": max}))

@@ -34,14 +34,14 @@ if TYPE_CHECKING:
 
 #: Default relative standard error of the field's energy for ordinary results and for draws. [1]
 PRECISION, DRAWN_PRECISION = 1e-4, 2e-3
-#: Number of rays per pair of heliostat and instant in draws, relative standard deviation of the light between these
-#: pairs, and fraction of instants with the sun up. [1]
+#: Number of rays per heliostat and instant in draws. Relative standard deviation of the light among all heliostats
+#: and instants. Fraction of instants with the sun up. [1]
 DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
 #: Efficiencies that depend on the instant.
 _OF_INSTANTS = (*EFFICIENCIES, LIGHT[0], LIGHT[-1])
-#: Maximum number of pairs of heliostat and group of instants whose ray sums are reused at the next point.
+#: Maximum number of heliostats times groups of instants for which the next point reuses ray sums.
 SHARED = 2**13
-#: Number of pairs of heliostat and instant whose ray sums are in memory together, and maximum number of instants for
+#: Number of heliostats times instants for which ray sums are held in memory together. Maximum number of instants for
 #: which ray sums are kept for time series.
 PAIRS, KEPT_INSTANTS = 2**15, 2**15
 
@@ -67,7 +67,10 @@ def is_series_traced(study: FieldEfficiencyStudy) -> bool:
 
 
 def drawn_step(optics: Any, pairs: int) -> int:
-    """Return the step between the traced instants of a heliostat in a draw; each step samples all hours of the day."""
+    """Return the step between the traced instants of a heliostat in a draw.
+
+    With each possible step, all hours of the day are sampled.
+    """
     if optics.rays is not None:
         return 1
     wanted = pairs * LIT * ((optics.precision or DRAWN_PRECISION) / SCATTER) ** 2
@@ -78,7 +81,7 @@ class TracedField(NamedTuple):
     """A field with optics at a point of the result, with the methods of `values.Field`."""
 
     study: Any
-    #: Centres x, y, z, half widths, half heights and aim points of the mirrors [m], and the code of the tracking
+    #: Mirror centres (x, y, z), half widths, half heights and aim points, all in m, and the code of the tracking
     #: method.
     mirrors: Geometry
     way: Way
@@ -138,7 +141,7 @@ class TracedField(NamedTuple):
     def series(
         self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int, whole: Floats | None
     ) -> Values:
-        """Return the values of the field, and of heliostats if stored, at the instants of `part`. [1, kW]
+        """Return the values of the field, and of the heliostats if these are stored, at the instants of `part`. [1, kW]
 
         If `hours` is given, the values include power. `whole` contains the sums over the heliostats at all instants. If
         `whole` is None, rays are traced.
@@ -333,7 +336,7 @@ class TracedField(NamedTuple):
     def _efficiencies(part: Floats, passed: Any, mirror: Any, reflected: float) -> Values:
         """Return the efficiencies of each set of rays, from means of shape (quantities, ..., replicates, n).
 
-        `passed` is the transmittance of the air for each heliostat, and `mirror` the reflectance of each heliostat.
+        `passed` is the transmittance of the air for each heliostat, and `mirror` is the reflectance of each heliostat.
         """
         values = dict(zip(EFFICIENCIES, part[[rays.COSINE, rays.UNSHADED, rays.UNBLOCKED, rays.OPTICAL]], strict=True))
         optical, light = (np.moveaxis(part[at], -2, 0) for at in (rays.OPTICAL, rays.LIGHT))

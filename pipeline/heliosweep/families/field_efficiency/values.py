@@ -4,9 +4,9 @@ The energy of a heliostat is
 
     E = area * sum of DNI dt * cosine * (1 - shaded or blocked) * reflectivity * cleanliness * transmittance * intercept
 
-summed over the instants with the sun up and all operating limits met. Factors are multiplied at each instant before the
-sum. Each loss is the decrease from one partial product to the next. The losses therefore add up to the incident energy
-minus the received energy.
+summed over the instants with the sun up and all operating limits met. Factors are multiplied at each instant before
+summation. Each loss is the decrease from one partial product to the next. The losses therefore add up to the incident
+energy minus the received energy.
 
 Both mounts orient the normal along n = unit(s + r), where r and s are the directions to the receiver and to the sun:
 
@@ -50,7 +50,7 @@ DOWN = (0.0, 0.0, -1.0)
 
 
 class Hours(NamedTuple):
-    """Irradiation and irradiance at the instants of a site, each of shape (T,)."""
+    """Irradiation and irradiance at a site. Values for each instant have the shape (T,)."""
 
     #: Unit vectors to the sun, shape (T, 3); below the horizon if the field does not operate. [1]
     sun: Floats
@@ -147,7 +147,7 @@ class Field(NamedTuple):
     """
 
     study: Any
-    #: Centres x, y, z, half widths, half heights and aim points of the mirrors [m], and the code of the tracking
+    #: Mirror centres (x, y, z), half widths, half heights and aim points, all in m, and the code of the tracking
     #: method.
     mirrors: Geometry
     #: Mirrors sorted for the shading kernels, and the code of the tracking method.
@@ -217,9 +217,9 @@ def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthl
 
 
 def powers(efficiency: Floats, hours: Hours | None, part: slice, area: Floats) -> Values:
-    """Return the power of heliostats at the instants of `part`, from their efficiency, shape (T, n). [kW]
+    """Return the power of each heliostat at the instants of `part`, shape (T, n), from its efficiency. [kW]
 
-    The result is empty if `hours` is None.
+    The mapping is empty if `hours` is None.
     """
     if hours is None:
         return {}
@@ -227,7 +227,7 @@ def powers(efficiency: Floats, hours: Hours | None, part: slice, area: Floats) -
 
 
 def means_of_field(pieces: Sequence[Values], areas: Sequence[Floats]) -> Values:
-    """Return area-weighted field means (for power, the sum) from the time series of several heliostat blocks."""
+    """Return area-weighted field means (for power, sums) from the time series of several heliostat blocks."""
     whole, found = sum(float(area.sum()) for area in areas), {}
     for name in pieces[0] if pieces else ():
         power = name == "instantaneous_power"
@@ -255,7 +255,7 @@ def land_area(x: Floats, y: Floats, radius: float) -> float:
 
 
 def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
-    """Number the courses: runs of successive instants of one day with the sun above the horizon.
+    """Number the courses: runs of successive instants on one day with the sun above the horizon.
 
     `hours` [h], shape (T,), contains the times of the instants and `sun`, shape (T, 3), the directions to the sun. A
     course ends if the time decreases (as from one solar day to the next) or increases by more than `longest` [h], or if
@@ -364,7 +364,7 @@ def hours_of(instants: Instants, time: Any) -> tuple[Floats, float]:
 
 
 def angles_of(aims: Floats, sun: Floats, tracking: int, hours: tuple[Floats, float] | None, series: bool) -> Floats:
-    """Return the motion of mounts (last axis) if `hours` is given, otherwise angles at each instant or one instant."""
+    """Return the motion of mounts (last axis) if `hours` is given, otherwise their angles at each or one instant."""
     course = None if hours is None else courses(*hours, sun)
     pairs = [tracking_angles(aim, sun, tracking) for aim in aims]
     if hours is not None and course is not None:

@@ -156,7 +156,7 @@ _GEOMETRY: tuple[Row, ...] = (
         ("u", "image corner", "m", "corner along the width, from the mirror's centre", _IMAGES),
         ("v", "image corner", "m", "corner along the height, from the mirror's centre", _IMAGES),
         ("area", "image", "m2", "area of the part of the mirror within an outline", _IMAGES),
-        ("heliostat", "image", "1", "number of the heliostat that shades or blocks", _IMAGES),
+        ("heliostat", "image", "1", "number of the heliostat that shades or blocks the mirror", _IMAGES),
         ("count", "", "1", "number of outlines, including outlines that are not stored", ""))),
     ("geometry", "tower_distance", "heliostat", True, "m", "horizontal distance of the heliostat from the tower"),
     ("geometry", "target_elevation", "heliostat", True, "degree",
@@ -175,12 +175,12 @@ _GEOMETRY: tuple[Row, ...] = (
      "heliostats with equal values are ranked in the order of the layout"),
     ("mapped", "flux_map", "flux_row flux_column", False, "kW m-2", "flux on the receiver",
      "mean flux from all heliostats over each cell, {instant}"),
-    ("mapped", "peak_flux", "", False, "kW m-2", "largest flux of a cell of the receiver",
-     "corrected for the bias that noise of the rays causes, {instant}"),
+    ("mapped", "peak_flux", "", False, "kW m-2", "maximum flux on a receiver cell",
+     "corrected for the bias caused by ray noise, {instant}"),
     ("mapped", "mean_flux", "", False, "kW m-2", "mean flux on the receiver",
-     "power on the receiver over its whole surface, {instant}"),
+     "power on the receiver divided by its whole surface area, {instant}"),
     ("mapped limit", "power_above_limit", "", False, "1",
-     "share of the power on cells with a flux above the limit", "limit: {limit:g} kW/m2"),
+     "fraction of the power on cells with a flux above the limit", "limit: {limit:g} kW/m2"),
     ("map weather", "energy_flux_map", "flux_row flux_column", False, "MWh m-2",
      "energy on the receiver over the period", "mean over each cell"),
     *((f"limited {when}", name, " ".join((*time, *dims)), False, units, words, "{aimed}")
@@ -264,7 +264,7 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
          "of field, tower and receiver"),
         ("costs", "levelized_cost_of_heat", "", True, "MWh-1", "levelized cost of heat in {currency}",
          "fixed charges and operation of a year divided by the energy of 365 days: the heat of the receiver, or the "
-         "energy on the receiver if the study has no absorptance and losses"),
+         "energy on the receiver if the study has neither absorptance nor losses"),
         *(("series", f"instantaneous_{name}", "time heliostat", False, "1", f"{words} at each instant",
            f"{comment}; missing at night") for name, (words, comment) in series.items()),
         *_INSTANTS,
@@ -350,7 +350,7 @@ def variables(study: FieldEfficiencyStudy) -> dict[str, Variable]:
         if name in found:
             long_name = f"standard error of the {found[name].attrs['long_name']}"
             attrs = {
-                "units": found[name].attrs["units"], "long_name": long_name, "comment": "by independent sets of rays"
+                "units": found[name].attrs["units"], "long_name": long_name, "comment": "from independent sets of rays"
             }  # fmt: skip
             found[f"{name}_error"] = replace(found[name], attrs=attrs)
     found |= year_variables(study, found)
