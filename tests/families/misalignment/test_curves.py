@@ -52,6 +52,16 @@ def test_numbers_of_the_oracle():
     assert float(curve["eccentricity"]) == pytest.approx(oracle["elevation curve", "eccentricity"], abs=1e-9)
 
 
+def test_a_changed_result_does_not_change_the_times_of_later_results():
+    window = {"start": "08:00", "stop": "10:00", "step": "1 h"}
+    time = {"clock": "civil", "dates": "2024-06-21", "window": window}
+    site = {"latitude": 37.4, "longitude": 0.0, "timezone": "+02:00"}
+    for _ in range(2):
+        result = api.build(study(time=time, site=site))
+        assert result["utc"].dt.hour.values.tolist() == [[6, 7, 8]]  # universal time is 2 h earlier
+        result["utc"].values[...] = np.datetime64("NaT")
+
+
 def test_hit_fractions_and_the_minimum_tolerance():
     result = computed(time=solar(80, 172, hours={"start": 4, "stop": 20, "step": 0.5}), error=error(size=[0, 8]))
     sun = (result["spot_status"] != NO_SUN).sel(error_size=0).isel(heliostat=0)

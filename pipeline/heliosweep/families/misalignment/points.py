@@ -90,7 +90,7 @@ def _universal_times(study: MisalignmentStudy) -> dict[str, Any]:
     tables = [wall_clock(study.time, zone) for zone in Parameters(study).timezones()]
     alike = len({table.tobytes() for table in tables}) == 1
     dims = ("site",) * (not alike) + tuple(instant_sizes(study))
-    return {"utc": (dims, tables[0] if alike else np.stack(tables), {"long_name": "universal time"})}
+    return {"utc": (dims, np.array(tables[0] if alike else tables), {"long_name": "universal time"})}
 
 
 @lru_cache(maxsize=16)
