@@ -13,7 +13,9 @@ import pytest
 import xarray as xr
 import yaml
 
+from heliosweep import api
 from heliosweep.cli import main
+from heliosweep.errors import HeliosweepError
 from tests.conftest import SMALL, STUDIES
 from tests.test_imports import HEAVY
 
@@ -178,6 +180,23 @@ def test_several_studies_in_one_command(folder, capsys):
             assert re.fullmatch(rf"{name}: mean optical efficiency of the field.* \([0-9.]+ s\)", line)
     assert main(["run", "a.yaml", "d.yaml", "--output", "one"]) == 2
     assert "--output: names the result folder of a single study" in capsys.readouterr().err
+
+
+def test_whatever_befalls_one_study_the_others_go_on(folder, capsys, monkeypatch):
+    real, faults = api.run, {"a.yaml": FloatingPointError("a fault"), "b.yaml": HeliosweepError("the disk is full")}
+
+    def failing(given: Any, *arguments: Any, **named: Any) -> Any:
+        if fault := faults.get(given.source.path.name):
+            raise fault
+        return real(given, *arguments, **named)
+
+    for name in (*faults, "c.yaml"):
+        Path(study(folder)).rename(folder / name)
+    monkeypatch.setattr(api, "run", failing)
+    assert main(["run", "a.yaml", "b.yaml", "c.yaml", "-q", "--no-report"]) == 1
+    said = capsys.readouterr()
+    assert [line.split("-")[0] for line in said.out.splitlines()] == ["outputs/c"]
+    assert "b.yaml: the disk is full\n2 of 3 studies failed: a.yaml, b.yaml\n" in said.err
 
 
 def test_output_cut_by_the_reader_is_no_error(folder):

@@ -50,6 +50,13 @@ def test_another_kind_of_layout_replaces_that_of_the_base(base):
     assert (study.layout.file, study.layout.radial_stagger, study.layout.exclude) == ("field.csv", None, None)
 
 
+def test_an_empty_key_of_the_base_is_told_and_not_removed(base):
+    base.write_text(base.read_text().replace("receiver:", "receiver:\n  kind:"))
+    with pytest.raises(StudyError, match=r"plant/base.yaml:\d+:8: receiver.kind: is empty: write a value"):
+        api.load(written(receiver={"height": 77}))
+    assert api.load(written(receiver={"kind": None})).receiver.height == 60
+
+
 def test_mistakes_are_told_in_the_file_in_which_they_are(base):
     base.write_text(base.read_text().replace("pivot_height", "pivot_hight"))
     with pytest.raises(StudyError) as caught:
@@ -92,3 +99,12 @@ def test_keys_are_given_anew_and_checked(base):
 def test_settings_that_are_none_are_refused_by_name(text):
     with pytest.raises(StudyError, match=r"^--set: "):
         settings([text])
+
+
+def test_entries_of_lists_are_named(base):
+    sites = [{"name": "a", "latitude": 1}, {"name": "b", "latitude": 2}]
+    both = api.load(base, {"site": None, "sites": sites})
+    other: Any = both.with_({"sites[1].latitude": 30})
+    assert [site.latitude for site in other.sites] == [1, 30]
+    with pytest.raises(StudyError, match="is a list of 2: give an entry"):
+        both.with_({"sites[2].latitude": 3})

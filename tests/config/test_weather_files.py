@@ -1,5 +1,6 @@
 """Rows of weather files, as pvlib reads them too, and what is said of wrong ones."""
 
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -44,6 +45,47 @@ def test_tmy3_of_pvlib(name):
     assert np.flatnonzero(moved).tolist() == ([1415] if name == "723170TYA.CSV" else [])
     np.testing.assert_array_equal(file.month, (data.index - pd.Timedelta(minutes=30)).month)
     assert (file.latitude, file.longitude, file.hours) == (meta["latitude"], meta["longitude"], 1.0)
+
+
+def test_other_letters_and_missing_wind():
+    text = weather.epw(MEANS, wind=999.0).replace("Town", "Zürich").replace("\n", "\r\n")
+    Path("a.epw").write_bytes(text.encode("latin-1"))
+    file = read_weather(Path("a.epw"))
+    np.testing.assert_array_equal(file.dni, MEANS)
+    assert np.isnan(file.wind).all()
+
+
+@pytest.mark.parametrize(
+    ("head", "form"),
+    [
+        ("time", "%Y%m%dT%H%M%S"),
+        ("Fecha;Hora", "%d/%m/%Y;%-H"),
+        ("Month;Day;Hour", "%m;%d;%H"),
+        ("Date;Hour", "%Y-%m-%d;%H:00"),
+    ],
+)
+def test_other_clocks(head, form):
+    """Rows of January 2021, one hour east of universal time, with decimal commas."""
+    hours = pd.date_range("2021-01-01", periods=744, freq="h")
+    rows = (f"{hour:{form}};{mean:.1f}".replace(".", ",") for hour, mean in zip(hours, MEANS, strict=False))
+    file = read_weather(written("a.csv", "\n".join([f"{head};DNI", *rows])), label="start", timezone="+01:00")
+    np.testing.assert_array_equal(file.utc, (hours - pd.Timedelta(minutes=30)).to_numpy("datetime64[ns]"))
+    np.testing.assert_array_equal(file.dni, MEANS[:744])
+    assert file.notes == (("has no year: read as 2021",) if head == "Month;Day;Hour" else ())
+
+
+def test_hourly_files_of_pvgis_with_two_axes():
+    """The beam on a plane that follows the sun is the DNI."""
+    hours = pd.date_range("2021-01-01T00:10", periods=744, freq="h")
+    rows = [
+        {"time": f"{hour:%Y%m%d:%H%M}", "Gb(i)": mean, "Gd(i)": 0.0, "Int": 0.0}
+        for hour, mean in zip(hours, MEANS.tolist(), strict=False)
+    ]
+    axes = {"two_axis": {"slope": {"value": "-"}}}
+    inputs = {"location": {"latitude": 37.1, "longitude": -2.36, "elevation": 500}, "mounting_system": axes}
+    file = read_weather(written("a.json", json.dumps({"inputs": inputs, "outputs": {"hourly": rows}})))
+    np.testing.assert_array_equal(file.utc, hours.to_numpy("datetime64[ns]"))
+    np.testing.assert_array_equal(file.dni, MEANS[:744])
 
 
 def test_parts_of_hours():

@@ -12,7 +12,7 @@ import pytest
 import heliosweep
 from heliosweep import api
 from heliosweep.cli import main
-from heliosweep.errors import HeliosweepError
+from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.share.archive import pack_result
 from heliosweep.store.read import verify
 from tests.conftest import STUDIES
@@ -181,6 +181,16 @@ def test_inputs_that_are_gone_or_changed(small, tmp_path, monkeypatch):
     Path("field.csv").unlink()
     with pytest.raises(HeliosweepError, match=r"field\.csv"):
         pack_result("result", draft=True)
+
+
+def test_the_archive_is_not_replaced_unasked(result):
+    archive = pack_result(result)
+    before = archive.read_bytes()
+    archive.write_bytes(b"precious")
+    with pytest.raises(StudyError, match="--force"):
+        pack_result(result)
+    assert archive.read_bytes() == b"precious"
+    assert pack_result(result, force=True).read_bytes() == before
 
 
 def test_command_line(result, tmp_path, capsys, monkeypatch):

@@ -12,7 +12,7 @@ from heliosweep.config.blocks import Output
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.grid.regions import Cut, Variable, blocks_of
 from heliosweep.store.compare import compare
-from heliosweep.store.folder import ChunkStore, check_contents, unfinished
+from heliosweep.store.folder import ChunkStore, check_contents, target_file, unfinished
 from heliosweep.store.read import open_result, verify
 from heliosweep.store.writer import Template, write_result
 
@@ -156,6 +156,22 @@ def test_files_of_others_are_not_replaced(small, tmp_path):
     (tmp_path / "result.nc").mkdir()
     with pytest.raises(StudyError, match="is a folder that is not a result"):
         check_contents(tmp_path, study, force=True)
+
+
+def test_targets_never_replace_results_or_sources(tmp_path):
+    write(tmp_path / "a")
+    mine = tmp_path / "mine.csv"
+    mine.write_text("a\n", encoding="utf-8")
+    for name, options, message in (
+        ("a/comparison.csv", {}, "belongs to a result"),
+        ("mine.csv", {}, "exists already"),
+        ("mine.csv", {"sources": [mine], "force": True}, "is an input"),
+        ("mine.txt", {}, "must end in"),
+        ("none/mine.csv", {}, "folder does not exist"),
+    ):
+        with pytest.raises(StudyError, match=message):
+            target_file(tmp_path / name, **{"force": False, **options})
+    assert target_file(mine, force=True) == mine
 
 
 def test_renamed_variables_of_version_0_1_have_their_new_names(tmp_path):

@@ -294,7 +294,8 @@ def _merged(
         else:
             replaced.add(path)
             together[key] = value
-    return {key: value for key, value in together.items() if value is not None or key not in below}
+    removed = {key for key, value in given.items() if value is None and key in below}
+    return {key: value for key, value in together.items() if key not in removed}
 
 
 def _nulls(data: Any, path: Path = ()) -> Iterator[Path]:

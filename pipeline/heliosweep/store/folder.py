@@ -183,8 +183,9 @@ def made(folder: Path) -> Iterator[None]:
             raise StudyError(Problem(problem, file=str(folder))) from None
         yield
     except BaseException:
-        if folder.is_dir() and {entry.name for entry in folder.iterdir()} <= {LOCK}:
-            (folder / LOCK).unlink(missing_ok=True)
+        with suppress(OSError):  # the folder is missing, or belongs to another user
+            if {entry.name for entry in folder.iterdir()} <= {LOCK}:
+                (folder / LOCK).unlink(missing_ok=True)
         for place in created:
             with suppress(OSError):  # the folder is not empty
                 place.rmdir()

@@ -148,7 +148,7 @@ class BackwardGazingStudy(Study):
             number = len(self.images or ())
             faults += [
                 (self.field is not None, only.format("simulated"), ("field",), False),
-                (self.images is None, "'images' is missing: give the names of four image files", (), False),
+                (not self.images, "'images' is missing: give the names of four image files", (), False),
                 (number not in (0, 4), f"must be four images, one for each camera (got {number})",
                  ("images",), False),
                 (self.defects != Defects(), "describes a simulated heliostat: remove it", ("defects",), False),
