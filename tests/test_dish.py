@@ -119,7 +119,7 @@ def test_the_intercept_of_a_dish_has_the_labels_of_the_error():
         ({"model": "stiff"}, "unknown `model` 'stiff'"),
         ({"axis_tilt": -1.0}, "`axis_tilt` must be between 0 and 90 deg"),
         ({"tolerance": 0.0}, "`tolerance` positive"),
-        ({"collimaton": 1.0}, "unknown error of a mount 'collimaton'"),
+        ({"collimaton": 1.0}, "unknown mount error 'collimaton'"),
     ],
 )
 def test_wrong_arguments_are_named(arguments, words):

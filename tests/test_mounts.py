@@ -212,7 +212,7 @@ APERTURE: Any = {"width": 5.0, "height_extent": 5.0}
         (lambda: heliosweep.mount_angles(*SUN, PIVOTS, PIVOTS[0]), "no `pivot` may be at its aim point"),
         (lambda: heliosweep.mount_angles(*SUN, PIVOTS, AIM[:2]), "`aim` must have the shape"),
         (lambda: heliosweep.mount_angles(SUN[0], SUN[1][:2], PIVOTS, AIM), "broadcast"),
-        (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, {"tilt": 1.0}), "unknown error of a mount 'tilt'"),
+        (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, {"tilt": 1.0}), "unknown mount error 'tilt'"),
         (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, np.zeros(7)), "`errors` must have the shape"),
         (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, np.zeros((2, 6))), "`errors` must have the shape"),
         (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, source="wind", **APERTURE), "`source` must be one of"),

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 __version__ = "0.2.0"
-#: Modules of the public names, as listed in `__init__.pyi`.
+#: Module that defines each public name, as listed in `__init__.pyi`.
 _MODULES = {
     alias.name: str(line.module)
     for line in ast.parse(Path(__file__).with_suffix(".pyi").read_text()).body

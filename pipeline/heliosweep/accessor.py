@@ -1,6 +1,6 @@
 """Accessor ``result.heliosweep`` of xarray data sets, for use in notebooks.
 
-The accessor is registered by `build`, by `open_result`, or by the import of heliosweep after xarray.
+Calling `build` or `open_result`, or importing heliosweep after xarray, registers the accessor.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Plots:
         variable : str
             Variable with the dimension ``heliostat``. The result must contain the positions ``x`` and ``y``.
         **select
-            Value of every other dimension of the variable.
+            Value along every other dimension of the variable.
 
         Returns
         -------
@@ -108,12 +108,12 @@ def _drawn(here: xr.Dataset, figure: Callable[[str], Figure], variable: str, sel
 
 
 class HeliosweepAccessor:
-    """Figures, tables, comparison and study of a result.
+    """Access to the figures, tables, comparison and study of a result.
 
     Parameters
     ----------
     result : xarray.Dataset
-        Result of `open_result` or `build`, or a part of such a result.
+        Result from `open_result` or `build`, or a part of such a result.
     """
 
     def __init__(self, result: xr.Dataset) -> None:
@@ -127,7 +127,7 @@ class HeliosweepAccessor:
 
     @property
     def study(self) -> Study:
-        """Study of the result.
+        """Study that produced the result.
 
         The study is read from ``study.resolved.yaml`` in the result folder if that file describes the same study.
         Otherwise, the study is read from the attributes of the result, which do not contain the input files.
@@ -159,7 +159,7 @@ class HeliosweepAccessor:
         return Plots(self._result)
 
     def sel(self, **labels: Any) -> xr.Dataset:
-        """Select labels like `xarray.Dataset.sel`, and select heliostats also by name.
+        """Select by label, as with `xarray.Dataset.sel`, and select heliostats also by name.
 
         For example, ``sel(heliostat="A1", latitude=30)`` selects one heliostat.
 
@@ -192,7 +192,7 @@ class HeliosweepAccessor:
         Raises
         ------
         StudyError
-            If this part of the result lacks variables that the family needs.
+            If the dataset lacks variables that the family needs.
         """
         from heliosweep.report.draw import draw
 
@@ -205,12 +205,13 @@ class HeliosweepAccessor:
         Returns
         -------
         dict of str to pandas.DataFrame
-            Tables by title. If the family declares no tables, the tables show the variables with the fewest dimensions.
+            Tables, keyed by title. If the family declares no tables, the tables show the variables with the fewest
+            dimensions.
 
         Raises
         ------
         StudyError
-            If the result has no variables, or if this part of the result lacks variables that the family needs.
+            If the dataset has no variables, or lacks variables that the family needs.
         """
         result = self._result
         if not result.data_vars:
@@ -230,7 +231,7 @@ class HeliosweepAccessor:
         Parameters
         ----------
         published : path
-            CSV table in the format of the key `report.published` of a study.
+            CSV table in the format that the study key `report.published` requires.
 
         Returns
         -------
@@ -240,7 +241,8 @@ class HeliosweepAccessor:
         Raises
         ------
         StudyError
-            If the table is invalid or does not match the result. The message lists all problems with their lines.
+            If the table is invalid or does not match the result. The message lists all problems with their line
+            numbers.
         """
         from heliosweep.report.comparison import compare, read_published
 
@@ -277,7 +279,7 @@ class HeliosweepAccessor:
         """
         tables: dict[str, pd.DataFrame] = {}
         if variables is None:
-            with suppress(HeliosweepError):  # a part of a result may lack these tables
+            with suppress(HeliosweepError):  # a selection from a result may lack these tables
                 tables = self._tables()
             if (compared := self._beside(COMPARISON)) is not None:
                 tables["published numbers"] = pd.read_csv(compared)
@@ -294,7 +296,7 @@ class HeliosweepAccessor:
 
     @contextmanager
     def _part(self, what: str) -> Iterator[Family]:
-        """Yield the family of the result, and convert a missing variable to a StudyError."""
+        """Yield the family of the result, and convert the KeyError for a missing variable to a StudyError."""
         from heliosweep.families.lookup import family_of_result
 
         family = family_of_result(self._result)

@@ -1,4 +1,4 @@
-"""Aim points for maximum power under a flux limit on the receiver, with an upper bound of this power."""
+"""Aim points for maximum power under a flux limit on the receiver, and an upper bound on this power."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from heliosweep.light import (
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-#: Default number of rays of an image, and default gap between power and upper bound relative to the bound.
+#: Default number of rays per image, and default gap between the power and its upper bound as a fraction of the bound.
 RAYS, GAP = 1024, 2e-3
 #: Maximum distance of an aim point from the surface of the receiver. [m]
 SLACK = 0.01
-#: Dimensions, unit and description of each variable of a result.
+#: Dimensions, unit and description of each result variable.
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "aim": (("heliostat",), "1", "number of the aim point, -1 if stowed"),
+    "aim": (("heliostat",), "1", "index of the aim point, -1 if stowed"),
     **{f"aim_{axis}": (("heliostat",), "m", f"{words} of the aim point")
        for axis, words in (("x", "east"), ("y", "north"), ("z", "height"))},
     "aimed_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux with the chosen aim points"),
-    "unlimited_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux with the best aim points if there is no limit"),
+    "unlimited_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux with the best aim points without a flux limit"),
     "flux_price": (("flux_row", "flux_column"), "m2", "power gained per unit increase of the flux limit in a cell"),
     "aimed_power": ((), "MW", "power on the receiver with the chosen aim points"),
-    "unlimited_power": ((), "MW", "power on the receiver with the best aim points if there is no limit"),
+    "unlimited_power": ((), "MW", "power on the receiver with the best aim points without a flux limit"),
     "power_bound": ((), "MW", "upper bound of the power over all choices of aim points within the limit"),
-    "aimed_peak_flux": ((), "kW m-2", "maximum flux of a cell"),
-    "unlimited_peak_flux": ((), "kW m-2", "maximum flux of a cell without a limit"),
+    "aimed_peak_flux": ((), "kW m-2", "maximum flux in a cell"),
+    "unlimited_peak_flux": ((), "kW m-2", "maximum flux in a cell without a flux limit"),
     "limit_loss": ((), "1", "fraction of the unlimited power that is lost due to the limit"),
     "aim_gap": ((), "1", "maximum power that other aim points could gain, as a fraction of the bound"),
     "stowed_heliostats": ((), "1", "number of stowed heliostats"),
@@ -50,7 +50,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
 
 
 class Aims(NamedTuple):
-    """Aim points of heliostats, the resulting power, and an upper bound of the power."""
+    """Aim points of heliostats, the resulting power, and an upper bound on the power."""
 
     #: Index of the aim point of each heliostat, or -1 if the heliostat is stowed.
     choice: Integers
@@ -58,24 +58,24 @@ class Aims(NamedTuple):
     bound: float
     #: Flux in each cell.
     load: Floats
-    #: Power gained per unit of the flux limit in each cell.
+    #: Power gained per unit increase of the flux limit in each cell.
     price: Floats
 
 
 def choose_aims(
     power: Floats, flux: csr_matrix, limit: Floats, *, gap: float = GAP, threads: int | None = None
 ) -> Aims:
-    """Choose an aim point for each heliostat or stow the heliostat for maximum power under flux limits.
+    """Choose an aim point for each heliostat, or stow the heliostat, to maximise the power under flux limits.
 
-    The function maximises the sum of the powers P_ia of the chosen aim points a of the heliostats i. The flux in each
+    The function maximises the sum of the powers P_ia, where a is the aim point chosen for heliostat i. The flux in each
     cell c must satisfy sum F_iac <= L_c.
 
     Parameters
     ----------
     power : ndarray, shape (A, N)
-        Power of each heliostat with each aim point. [any unit]
+        Power from each heliostat for each aim point. [any unit]
     flux : csr_matrix, shape (A * N, C)
-        Flux in each cell, with the row a * N + i for heliostat i with aim point a. [any unit]
+        Flux in each cell; row a * N + i contains the flux from heliostat i for aim point a. [any unit]
     limit : ndarray, shape (C,)
         Maximum flux in each cell, above 0. [unit of the flux]
     gap : float
@@ -87,7 +87,7 @@ def choose_aims(
     Returns
     -------
     Aims
-        Chosen aim points, power and flux of this choice, upper bound of the power, and prices of the limits.
+        Chosen aim points, the resulting power and flux, an upper bound on the power, and the prices of the limits.
 
     Raises
     ------
@@ -101,12 +101,12 @@ def choose_aims(
 
         D(lambda) = sum_i max(0, max_a (P_ia - sum_c lambda_c F_iac)) + sum_c lambda_c L_c
 
-    is an upper bound of the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer
+    is an upper bound on the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer
     programming", Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises D in rounds of decreasing
-    smoothing. Each round ends with a choice from the shares of the aim points. Each heliostat in turn is assigned the
-    aim point with the maximum power minus a penalty for the overload of cells. The penalty increases until no cell
-    exceeds its limit. Then heliostats move to better aim points within the limits. For small problems, HiGHS computes
-    the best choice by branch and bound.
+    smoothing. At the end of each round, aim points are chosen according to their shares. Each heliostat in turn is
+    assigned the aim point with the maximum power minus a penalty for the overload of cells. The penalty increases until
+    no cell exceeds its limit. Then heliostats move to better aim points within the limits. For small problems, HiGHS
+    computes the best choice by branch and bound.
 
     Examples
     --------
@@ -178,7 +178,7 @@ def _total(power: Floats, choice: Integers) -> float:
 def _rounded(
     power: Floats, net: Floats, images: tuple[Any, ...], limit: Floats, share: Floats, load: Floats, penalty: float
 ) -> Integers:
-    """Return a choice within the limits from the shares, the flux and the net power of the aim points."""
+    """Return a choice of aim points within the limits, based on their shares, flux and net power."""
     choice = np.full(power.shape[1], -1)
     order = np.argsort(-share.max(axis=0), kind="stable")
     kernel.choose(order, net, images, limit, penalty, share, load, choice)
@@ -191,7 +191,7 @@ def _rounded(
 
 
 def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, float]:
-    """Return the best choice and the upper bound from branch and bound with HiGHS within 100 nodes."""
+    """Return the best choice and the upper bound that HiGHS finds by branch and bound within 100 nodes."""
     from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import diags, identity, kron, vstack
 
@@ -259,7 +259,7 @@ def off_receiver(receiver: tracer.Receiver, centre: Floats, points: Floats) -> F
 
 
 def image_bytes(kind: int, heliostats: int, aims: int, cells: tuple[int, int], rays: int) -> int:
-    """Return the maximum size of the images of heliostats, which cover at most half of a cylinder each. [bytes]"""
+    """Return the maximum size of the images of all heliostats. Each image covers at most half of a cylinder. [bytes]"""
     lit = cells[0] * (cells[1] // 2 + 2 if kind == tracer.CYLINDER else cells[1])
     return 2 * 8 * min(lit, rays) * heliostats * aims
 
@@ -268,14 +268,14 @@ def aim_images(
     scene: tracer.Scene, sun: Floats, points: Floats, *, cells: tuple[int, int], share: Floats, rays: int = 1024,
     seed: int = 0, threads: int = 1,
 ) -> csr_matrix:  # fmt: skip
-    """Return the flux of each heliostat with each aim point, shape (A * N, cells).
+    """Return the flux from each heliostat for each aim point, shape (A * N, cells).
 
     The field is traced once for each aim point.
 
     Parameters
     ----------
     scene : Scene
-        Scene of the field, whose aim points are replaced.
+        Scene of the field; `points` override its aim points.
     sun : ndarray, shape (1, 3)
         Unit vector to the sun. [1]
     points : ndarray, shape (A, N, 3)
@@ -283,7 +283,7 @@ def aim_images(
     cells : (int, int)
         Numbers of rows and columns of cells on the receiver.
     share : ndarray, shape (N,)
-        Power of the light on each mirror at normal incidence, minus losses by reflection and attenuation. [kW]
+        Power of the light on each mirror at normal incidence, less the losses due to reflection and attenuation. [kW]
     rays, seed, threads
         As in `kernels.rays.trace`.
     """
@@ -298,7 +298,7 @@ def aim_images(
 
 
 def image_powers(flux: csr_matrix, receiver: tracer.Receiver, cells: tuple[int, int], aims: int) -> Floats:
-    """Return the power of images on the receiver, shape (A, N). [kW]"""
+    """Return the power of each image on the receiver, shape (A, N). [kW]"""
     area = cell_area(receiver, cells)
     return area * (flux @ np.ones(flux.shape[1], np.float32)).reshape(aims, -1).astype(np.float64)
 
@@ -323,7 +323,7 @@ def limited_aims(
     scene: tracer.Scene, sun: Floats, points: Floats, limit: Floats, share: Floats, *, rays: int = RAYS, seed: int = 0,
     gap: float = GAP, threads: int = 1,
 ) -> dict[str, Any]:  # fmt: skip
-    """Choose aim points for which the flux of a finer trace meets the limits, and return the values of `VARIABLES`.
+    """Choose aim points whose flux meets the limits in a finer trace, and return the values of `VARIABLES`.
 
     The images of heliostats contain noise. Each round replaces the images of the chosen aim points by images with more
     rays. The limit of each overloaded cell is divided by the square root of the ratio of flux to limit. Heliostats then
@@ -408,10 +408,10 @@ def flux_limited_aims(
     rows, columns : int
         Numbers of rows and columns of aim points, which are the centres of equal cells of the receiver.
     azimuth_span : float
-        Angle over which the columns of aim points on a cylinder extend, centred at the point nearest to the heliostat.
+        Angle over which the columns of aim points on a cylinder extend, centred on the point nearest to the heliostat.
         [deg]
     aims : array, shape (A, 3) or (A, N, 3), optional
-        Aim points that replace the rows and columns of aim points. [m]
+        Aim points to use instead of the rows and columns. [m]
     flux_map : (int, int)
         Numbers of rows and columns of the flux map.
     dni : float
@@ -419,9 +419,9 @@ def flux_limited_aims(
     reflectivity, transmittance : float or array, shape (N,)
         Fractions of the light that mirrors reflect and air transmits. [1]
     rays : int
-        Number of rays of each image.
+        Number of rays per image.
     seed : int
-        Seed of the rays of images. The flux of the chosen aim points is traced with the next seed and 16 times as many
+        Random seed for the images. The flux for the chosen aim points is traced with the next seed and 16 times as many
         rays. Cells that then exceed the limit by more than 0.5 % get a lower limit, and the aim points are chosen
         again.
     gap : float
@@ -436,7 +436,7 @@ def flux_limited_aims(
     xarray.Dataset
         Variables of each heliostat: `aim`, the index of the aim point or -1 if stowed, and the coordinates of the aim
         point `aim_x`, `aim_y`, `aim_z` [m], which are NaN if stowed. Maps: `aimed_flux_map`, `unlimited_flux_map` [kW
-        m-2], and `flux_price`, the power gained per unit of the limit [kW / (kW m-2)]. Scalars: `aimed_power`,
+        m-2], and `flux_price`, the power gained per unit increase of the limit [kW / (kW m-2)]. Scalars: `aimed_power`,
         `unlimited_power`, `power_bound` [MW]; `aimed_peak_flux`, `unlimited_peak_flux` [kW m-2]; `limit_loss`, a
         fraction of the unlimited power; `aim_gap`, a fraction of the bound; `stowed_heliostats`.
 

@@ -92,7 +92,7 @@ class Result:
         return open_result(self.path)
 
     def summary(self) -> str:
-        """Return a text with title, dimensions, headline numbers and page of the result, one per line."""
+        """Return the title, dimensions, headline numbers and page of the result as text, one item per line."""
         from heliosweep.report.tables import summary
 
         with read.open_result(self.path) as data:
@@ -128,9 +128,10 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Data set whose values are read when they are used. Close the data set after use, or use it as a context manager.
-        The values are not checked. Run ``heliosweep verify`` if the file may be damaged. Heliostats with unique names
-        in the layout can be selected by name with ``sel(name="A1")`` or ``heliosweep.sel(heliostat="A1")``.
+        Data set whose values are read only when they are used. Close the data set after use, or use it as a context
+        manager. The values are not checked. Run ``heliosweep verify`` if the file may be damaged. Heliostats with
+        unique names in the layout can be selected by name with ``sel(name="A1")`` or
+        ``heliosweep.sel(heliostat="A1")``.
 
     Raises
     ------
@@ -207,7 +208,7 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
     Parameters
     ----------
     study : Study, path or mapping
-        Study, or source of a study as in `load`.
+        Study, or its source as in `load`.
     output : path, optional
         Result folder, whose file system determines the free disk space.
     timed : bool
@@ -242,7 +243,7 @@ def build(study: Source) -> xr.Dataset:
     Parameters
     ----------
     study : Study, path or mapping
-        Study, or source of a study as in `load`.
+        Study, or its source as in `load`.
 
     Returns
     -------
@@ -289,11 +290,11 @@ def run(
     Parameters
     ----------
     study : Study, path or mapping
-        Study, or source of a study as in `load`.
+        Study, or its source as in `load`.
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
     scheduler, workers, memory
-        Replacements for the keys of `execution` in the study file. These keys do not change the numbers in the result.
+        Values that override the `execution` keys in the study file. These keys do not change the numbers in the result.
     progress : bool
         If True, show progress on standard error.
     report : bool
@@ -425,9 +426,9 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
     Parameters
     ----------
     folder : path
-        A result folder.
+        Result folder.
     vector : sequence of {"svg", "pdf"}
-        Formats of figures in addition to PNG.
+        Figure formats in addition to PNG.
     summary : bool
         If True, write ``summary.html`` instead, which fits on one printed page.
 
@@ -521,7 +522,7 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the file.
 
     Raises
     ------
@@ -560,7 +561,7 @@ def comparison_page(
     Returns
     -------
     pathlib.Path
-        The page.
+        Path of the page.
 
     Raises
     ------
@@ -643,7 +644,7 @@ def flux_maps(
     azimuth: Any = None,
     elevation: Any = None,
 ) -> xr.DataArray:
-    """Return the fraction of the light on each column of the receiver, for SAM.
+    """Return the fraction of the receiver's light that falls on each column, for SAM.
 
     Parameters
     ----------
@@ -676,7 +677,7 @@ def flux_maps(
 def plant_electricity(
     source: str | os.PathLike[str], select: Mapping[str, Any] | None = None, inputs: Mapping[str, Any] | None = None
 ) -> xr.Dataset:
-    """Compute the electricity of a plant with SAM's molten-salt power tower and the weather of the study.
+    """Compute the electricity from a plant with SAM's molten-salt power tower and the weather in the study.
 
     Parameters
     ----------
@@ -685,7 +686,7 @@ def plant_electricity(
     select : mapping of str to value, optional
         Value of every swept parameter.
     inputs : mapping of str to value, optional
-        Inputs of ``PySAM.TcsmoltenSalt`` that replace values of the study and SAM's defaults.
+        Inputs of ``PySAM.TcsmoltenSalt`` that override the values of the study and SAM's defaults.
 
     Returns
     -------
@@ -733,10 +734,10 @@ def _at_directions(
     made: Callable[[xr.Dataset, Mapping[str, Any]], Any],
     changes: Mapping[str, Any] | None = None,
 ) -> Any:
-    """Apply a function to a result over sun directions. If the source is not such a result, it is computed first.
+    """Apply a function to a result over sun directions, which is computed first if the source is not such a result.
 
-    If the study of a result has `keep`, only the kept heliostats are computed. The mapping
-    `changes` applies to the study of a result folder.
+    If the study of a result has `keep`, only the kept heliostats are computed. The mapping `changes` applies to the
+    study of a result folder.
     """
     from heliosweep.share import sam
     from heliosweep.share.fields import dimension_of, kept_field

@@ -1,4 +1,4 @@
-"""Command line, with results on standard output, and progress and messages on standard error."""
+"""Command-line interface. Results go to standard output; progress and messages go to standard error."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ EXIT_CODES = """\
 exit codes: 0 success, 1 failure (verify: not intact; compare: not equal), 2 invalid study or usage,
 3 refused by the plan (does not fit), 4 interrupted, can be resumed"""
 
-#: Formats of figures. Pages always contain figures in the first format.
+#: Figure formats. Pages always contain figures in the first format.
 FIGURES = ("png", "svg", "pdf")
 
 
 class Command(NamedTuple):
-    """Command with its help, arguments for `argparse`, and examples without the name of the command."""
+    """Command with its help text, `argparse` arguments, and examples, which omit the name of the command."""
 
     help: str
     arguments: tuple[_Argument, ...] = ()
     examples: tuple[str, ...] = ("",)
 
 
-#: Names and settings of ``argparse.ArgumentParser.add_argument``.
+#: Names and settings that are passed to ``argparse.ArgumentParser.add_argument``.
 _Argument: TypeAlias = tuple[tuple[str, ...], dict[str, Any]]
 
 
@@ -90,7 +90,7 @@ _FAMILY = _argument("family", metavar="FAMILY")
 _RESULT = "result folder, or a study that has been run"
 _SET = _argument(
     "--set", metavar="KEY=VALUE", action="append", default=[],
-    help="override a key of the study (repeatable); null removes the key",
+    help="override a study key (repeatable); null removes the key",
 )  # fmt: skip
 _EXECUTION = (
     _SET,
@@ -111,7 +111,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", "studies/*.yaml", "my_field.yaml --set receiver.height=90"),
     ),
     "plan": Command(
-        "estimate grid, memory, disk and time of a study",
+        "estimate the grid size, memory, disk space and run time of a study",
         (_argument("study", metavar="STUDY.yaml"), *_EXECUTION),
         ("my_field.yaml", 'my_field.yaml --set "site.latitude=[0, 20, 40]"'),
     ),
@@ -222,7 +222,7 @@ COMMANDS: dict[str, Command] = {
                 "--factor",
                 type=float,
                 default=1.0,
-                help="multiply by the factors that are not computed, such as absorptance, 0 to 1 (default: 1)",
+                help="product of the factors that are not computed, such as absorptance, 0 to 1 (default: 1)",
             ),
             _argument("--flux-maps", metavar="FILE.csv", help="also write the flux maps of the SAM power tower"),
             _force(),
@@ -230,7 +230,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml -o efficiency.csv --azimuth 0:345:15 --elevation 5:85:10",),
     ),
     "electricity": Command(
-        "compute the electricity of a plant with SAM and the weather of its study (requires the extra 'sam')",
+        "compute the electricity from a plant with SAM and the weather in its study (requires the extra 'sam')",
         (
             _argument("source", metavar="DIR|STUDY.yaml", help=_RESULT),
             _argument(
@@ -252,7 +252,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", "outputs/first --select receiver.height=90 --sam solarm=2 --sam tshours=6"),
     ),
     "weather": Command(
-        "download weather for a location to a file for studies; prints its path",
+        "download weather data for a location to a file for studies; prints its path",
         (
             _argument("service", choices=("pvgis", "nsrdb"), help="data service; nsrdb requires a key"),
             _argument("--latitude", type=float, required=True, metavar="DEG", help="latitude, positive north"),
@@ -271,7 +271,7 @@ COMMANDS: dict[str, Command] = {
         "redraw the figures and the HTML page of a result folder",
         (
             _argument("folder", metavar="DIR|STUDY.yaml", help=_RESULT),
-            _argument("--summary", action="store_true", help="write summary.html, one printed page"),
+            _argument("--summary", action="store_true", help="write summary.html, which fits on one printed page"),
             _argument(
                 "--format",
                 type=_formats,
@@ -318,13 +318,13 @@ COMMANDS: dict[str, Command] = {
         ("", "chong2012_table2 --to studies"),
     ),
     "setup": Command("compile all kernels now, instead of during the first studies"),
-    "schema": Command("print the JSON Schema of a family for editors", (_FAMILY,), ("field_efficiency",)),
+    "schema": Command("print the JSON Schema of a family, for use in editors", (_FAMILY,), ("field_efficiency",)),
     "families": Command("list the study families"),
 }
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code (by default with the arguments of the process)."""
+    """Run one command with the given arguments (default: those of the process), and return its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -336,7 +336,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     options = parser().parse_args(given)
     try:
-        commands = import_module("heliosweep.commands")  # a late import because its libraries are slow to import
+        commands = import_module("heliosweep.commands")  # imported late, because its dependencies are slow to import
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(commands.Formatter("%(message)s"))
         logging.basicConfig(level=logging.WARNING, handlers=[handler])

@@ -1,4 +1,4 @@
-"""Functions of the commands in `cli.COMMANDS`, which take the options of the command line."""
+"""Functions that carry out the commands in `cli.COMMANDS` with the parsed command-line options."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from heliosweep.share import guide
 from heliosweep.store.folder import OUTPUTS, sources_of, status_lines, target_file
 from heliosweep.store.read import check_digest, locate, verify
 
-#: Suffixes of the files that `_export` writes as tables.
+#: Suffixes of the table files that `_export` can write.
 _TABLES = (".csv", ".xlsx")
 
 
 class Formatter(logging.Formatter):
-    """Formatter that escapes control characters in messages, and adds the current study if several studies are run."""
+    """Formatter that escapes control characters, and adds the name of the current study if several studies are run."""
 
     study = ""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the text of a message."""
+        """Return the formatted text of a log record."""
         return printable(_of_study(super().format(record), self.study))
 
 
@@ -280,7 +280,7 @@ def _compile(name: str) -> bool:
     return family_of(study).prepare(study)[1]
 
 
-#: Function of each command in `cli.COMMANDS`, which returns an exit code, or lines to print.
+#: Function of each command in `cli.COMMANDS`. Each function returns an exit code or the lines to print.
 COMMANDS: dict[str, Callable[[argparse.Namespace], Any]] = {
     "validate": _validate,
     "plan": _plan,

@@ -1,7 +1,7 @@
 """Tracking error, effective tracking factor and tolerable tilt of dishes on tilted mounts, without a study file.
 
 Azimuths of the sun run clockwise from north. The direction of a tilt is the direction in which the foot of the azimuth
-axis leans, measured from south and positive to the west. Angles are in degrees, tracking errors and tolerances in
+axis leans, measured from south and positive to the west. Angles are in degrees; tracking errors and tolerances are in
 milliradians.
 """
 
@@ -20,9 +20,9 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.lazy import xr
 from heliosweep.sun import direction
 
-#: Models of a tilted mount.
+#: Models of a tilted mount, with their codes in the kernel.
 MODELS = {"rigid": kernel.RIGID, "untilted_home_axes": kernel.UNTILTED_HOME_AXES}
-#: Errors of a mount in addition to the tilt, in the order that `window_factors` expects. [deg]
+#: Mount errors other than the tilt, in the order that `window_factors` expects. [deg]
 ERRORS = (
     "home_azimuth_offset", "home_elevation_offset", "azimuth_reference", "non_orthogonality", "collimation"
 )  # fmt: skip
@@ -39,7 +39,7 @@ def tracking_error(
     Parameters
     ----------
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
-        Directions to the sun. [deg]
+        Azimuth and elevation of the sun. [deg]
     axis_tilt : float, array or DataArray
         Tilt of the azimuth axis from the vertical, from 0 to 90. [deg]
     axis_tilt_direction : float, array or DataArray
@@ -49,9 +49,9 @@ def tracking_error(
         other axes do not change.
     **errors : float, array or DataArray
         Other errors of the mount: ``home_azimuth_offset`` and ``home_elevation_offset``; ``azimuth_reference``, the
-        excess rotation of the mount, clockwise seen from above; ``non_orthogonality`` of the elevation axis, positive
-        if the end to the right of the focal axis is lower; and ``collimation`` of the focal axis, positive to the
-        right. All errors are broadcast against the tilt. [deg]
+        excess rotation of the mount, clockwise as seen from above; ``non_orthogonality`` of the elevation axis,
+        positive if the end to the right of the focal axis is lower; and ``collimation`` of the focal axis, positive to
+        the right. All errors are broadcast against the tilt. [deg]
 
     Returns
     -------
@@ -86,7 +86,7 @@ def tracking_factor(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, axis_tilt: ArrayLike, axis_tilt_direction: ArrayLike = 0.0,
     tolerance: ArrayLike = 4.0, *, model: str = "rigid", clip: bool = False, **errors: ArrayLike,
 ) -> Any:  # fmt: skip
-    """Return the effective tracking factor: 1 minus mean tracking error over tolerance.
+    """Return the effective tracking factor, which is 1 minus the ratio of the mean tracking error to the tolerance.
 
     Parameters
     ----------
@@ -186,7 +186,8 @@ def dish_intercept(
     aperture_radius : float
         Radius of the aperture, which is perpendicular to the axis and centred at the focus. [m]
     spread : float
-        Standard deviation of a reflected ray per axis, due to the sun, twice the slope error, and specularity. [mrad]
+        Standard deviation of the direction of a reflected ray per axis, due to the sun, twice the slope error, and
+        specularity. [mrad]
 
     Returns
     -------
@@ -231,7 +232,8 @@ def dish_intercept(
     error = np.clip(wanted, low, high)
     high = min(high, max(float(np.nanmax(error, initial=low)), low + width))
     known = np.linspace(low, high, min(max(math.ceil(8.0 * (high - low) / width), 8), 2048) + 1)
-    # Fraction of the mirror whose light passes at each deviation, as means over cells of 1/128 of the spread.
+    # Fraction of the mirror whose light passes at each deviation, as means over cells whose width is 1/128 of the
+    # spread.
     cell = width / 128.0
     first = np.floor(known / cell)[:, np.newaxis] + np.arange(-768.0, 769.0)
     edges = np.maximum(first * cell, 0.0)
@@ -256,16 +258,17 @@ def window_factors(
     Parameters
     ----------
     model, tilt, direction, tolerance, clip
-        As in `tracking_factor`. Arrays are broadcast. [deg, mrad]
+        As in `tracking_factor`. Arrays are broadcast against each other. [deg, mrad]
     windows : kernels.dish.Windows
-        Instants of W windows.
+        Instants in W windows.
     *errors : ndarray
         Errors of the mounts in the order of `ERRORS`. [deg]
 
     Returns
     -------
     tuple of ndarray, each of shape (..., W)
-        Tracking factor [1], mean error and maximum error [mrad]; NaN for a window without instants.
+        Tracking factor [1], mean tracking error [mrad] and maximum tracking error [mrad]; NaN for a window without
+        instants.
     """
     if model not in MODELS:
         raise ValueError(f"unknown `model` {model!r}: use one of {', '.join(MODELS)}")
@@ -287,10 +290,10 @@ def window_factors(
 def largest_tilt(least: Callable[..., Floats], required: Floats, *mount: Floats) -> Floats:
     """Return the maximum tilt at which the minimum factor of a mount reaches the required factor.
 
-    A tilt can compensate a home offset, so that the factor may rise with the tilt before it falls. Therefore, the
-    factor is first computed at the tilts of `SCAN`. The root is then searched between the last tilt of the scan that
-    meets the requirement and the next tilt. If a separate range of larger tilts also meets the requirement, this range
-    is missed if it is narrower than a step of the scan.
+    A tilt can compensate for a home offset, so the factor may rise with the tilt before it falls. Therefore, the factor
+    is first computed at the tilts of `SCAN`. The root is then searched between the last tilt of the scan that meets the
+    requirement and the next tilt. A separate range of larger tilts that also meets the requirement is missed if it is
+    narrower than a step of the scan.
 
     Parameters
     ----------
@@ -324,13 +327,13 @@ def _of_mounts(
     function: Callable[..., Floats], azimuth: ArrayLike, elevation: ArrayLike, mount: tuple[ArrayLike, ...],
     errors: Mapping[str, ArrayLike], words: Mapping[str, str], series: bool = False,
 ) -> Any:  # fmt: skip
-    """Call a function of mounts and of unit vectors to the sun, shape (T, 3).
+    """Call a function with unit vectors to the sun, shape (T, 3), and the properties and errors of mounts.
 
     The function returns an array of shape (..., T), or (..., 1) if `series` is False. The result is a DataArray if any
     argument is a DataArray.
     """
     if unknown := sorted(set(errors) - set(ERRORS)):
-        raise ValueError(f"unknown error of a mount {unknown[0]!r}: use {', '.join(ERRORS)}")
+        raise ValueError(f"unknown mount error {unknown[0]!r}: use {', '.join(ERRORS)}")
     labelled = [each for each in (azimuth, elevation) if isinstance(each, xr.DataArray)]
     dim = next((str(each.dims[0]) for each in labelled if each.ndim), "time")
     sun = direction(*np.atleast_1d(azimuth, elevation))

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from heliosweep.lazy import xr
 
-#: Items of the variable `capital_cost` in their order.
+#: Items along the dimension ``item`` of `capital_cost`, in order.
 ITEMS = ("site", "heliostats", "tower", "receiver", "other", "contingency", "land", "indirect", "sales_tax")
 
 
@@ -49,9 +49,9 @@ def capital_cost(
     land_area : float, array or DataArray
         Area of the land to buy. [m2]
     site_cost, heliostat_cost, land_cost : float, array or DataArray
-        Cost of the site and of heliostats per mirror area, and cost of land per land area. [m-2]
+        Costs of the site and of the heliostats per mirror area, and cost of the land per land area. [m-2]
     tower_cost, tower_scale : float, array or DataArray
-        Cost of a tower of zero height, and rate of the exponential growth of the cost with height. [1, m-1]
+        Cost of a tower of zero height [1], and rate at which the cost grows exponentially with height [m-1].
     receiver_cost, receiver_reference_area, receiver_exponent : float, array or DataArray
         Cost of a receiver of the reference area, the reference area [m2], and the exponent of the area.
     other_cost : float, array or DataArray
@@ -72,7 +72,7 @@ def capital_cost(
 
     References
     ----------
-    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 6, and defaults of PySAM 7.1.
+    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 6, and PySAM 7.1 defaults.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def levelized_cost(
     capital : float, array or DataArray
         Capital cost, in any currency.
     energy : float, array or DataArray
-        Energy in a year. [MWh]
+        Annual energy. [MWh]
     fixed_charge_rate : float, array or DataArray
         Fraction of the capital cost that is paid each year. [1]
     operation : float, array or DataArray

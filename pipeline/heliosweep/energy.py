@@ -1,4 +1,4 @@
-"""Energy of a heliostat field, losses from the sun to the receiver, sums over periods, and attenuation by air.
+"""Energy of a heliostat field, losses between the sun and the receiver, sums over periods, and attenuation by air.
 
 All functions accept arrays and require no study. Energies are in MWh, and irradiation is in MWh m-2. The efficiency of
 a stage is the fraction of the light that remains after the stage.
@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 from heliosweep.kernels.compiled import Floats, Integers
 from heliosweep.lazy import xr
 
-#: Factor from irradiance [W m-2] times hours to irradiation [MWh m-2].
+#: Conversion factor from irradiance times hours [W h m-2] to irradiation [MWh m-2].
 MEGA = 1e-6
-#: Last part of a budget, which is the loss due to all causes minus the sum of the losses due to each cause alone.
+#: Last part of an error budget: the loss due to all causes minus the sum of the losses due to each cause alone.
 INTERACTION = "interaction"
-#: Formula of each model for the transmittance over a slant range in km.
+#: Formula of each attenuation model for the transmittance as a function of the slant range r [km].
 _FORMULAS: dict[str, Callable[[Floats], Floats]] = {
     "none": np.ones_like,
     "delsol_clear": lambda r: 1 - (0.006789 + 0.1046 * r - 0.017 * r**2 + 0.002845 * r**3),
@@ -44,7 +44,8 @@ def transmittance(
     model : str
         Model of the attenuation: 'none'; the polynomials 'delsol_clear' and 'delsol_hazy' (Kistler 1986),
         'leary_hankins' (Leary and Hankins 1979), 'ballestrin_clear' and 'ballestrin_hazy' (Ballestrin and Marzo 2012);
-        or 'vant_hull', the model of Vant-Hull as implemented in open ray tracers, which uses the other parameters.
+        or 'vant_hull', Vant-Hull's model as implemented in open-source ray tracers. Only 'vant_hull' uses the
+        parameters below.
     visibility : float
         Visibility. [m]
     water_vapour : float
@@ -184,7 +185,7 @@ def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:
     values : ndarray, shape (T,) or (T, N)
         Values at T instants.
     month : ndarray of int, shape (T,)
-        Number of the month of each instant, counted from 0.
+        Month of each instant, numbered from 0.
     months : int
         Number of months.
 
@@ -225,7 +226,7 @@ def availability(
     Returns
     -------
     ndarray, shape (T,)
-        Fraction of each interval without an outage, for example for use as a stage of `annual_energy`. [1]
+        Fraction of each interval without an outage, which can be a stage in `annual_energy`. [1]
 
     Raises
     ------
@@ -265,23 +266,23 @@ def _in_leap_year(times: Any) -> Any:
 
 
 def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "weather") -> Any:
-    """Compute values that yearly results exceed with given probabilities, such as P50 and P90.
+    """Compute the values that annual results exceed with given probabilities, such as P50 and P90.
 
     The values are linearly interpolated quantiles of the given years; no distribution is fitted.
 
     Parameters
     ----------
     values : array or DataArray, shape (..., years)
-        Yearly results, such as the energy of each weather year.
+        Annual results, such as the energy in each weather year.
     probability : float or array, shape (n,)
-        Probabilities of exceedance, between 0 and 1. [1]
+        Exceedance probabilities, between 0 and 1. [1]
     dim : str
-        Dimension of a DataArray along which the years are ordered.
+        Dimension of the years, if `values` is a DataArray.
 
     Returns
     -------
     ndarray, shape (..., n), or DataArray
-        Values that the yearly results exceed. In a DataArray, the dimension ``exceedance`` replaces the dimension of
+        Values that the annual results exceed. In a DataArray, the dimension ``exceedance`` replaces the dimension of
         the years.
 
     Raises
@@ -314,7 +315,7 @@ def annual_energy(
 ) -> xr.Dataset:  # fmt: skip
     """Compute the energy on the receiver over a period, and the losses before the receiver.
 
-    The energy of a heliostat is
+    The energy that a heliostat delivers to the receiver is
 
         E = area * sum of dni * hours * product of the efficiencies.
 
@@ -325,7 +326,7 @@ def annual_energy(
     dni : array or DataArray, shape (T,)
         Direct normal irradiance; 0 if the sun is below the horizon. [W m-2]
     hours : float or array, shape (T,)
-        Length of the time interval of each instant. [h]
+        Length of the time interval that each instant represents. [h]
     efficiencies : mapping of str to float or array, shape (), (T,), (1, N) or (T, N)
         Fraction of the light that remains after each stage, in the order in which light passes through the stages.
         Examples are cosine, shading and blocking, reflection, attenuation and intercept. NaN is treated as 0. [1]
@@ -374,7 +375,7 @@ def annual_energy(
         "incident_energy": ("heliostat", incident, "irradiation of the mirror area"),
         "receiver_energy": ("heliostat", left[-1], "energy on the receiver"),
         "loss": (("stage", "heliostat"), energy_losses(incident, left), "energy lost at each stage"),
-        "field_energy": ((), left[-1].sum(), "energy of all heliostats on the receiver"),
+        "field_energy": ((), left[-1].sum(), "energy from all heliostats on the receiver"),
     }
     if month is not None:
         monthly = mirrors * monthly_sums(rest, np.asarray(month, np.int64) - 1)
@@ -387,7 +388,7 @@ def annual_energy(
 def receiver_heat(
     power: ArrayLike, absorptance: ArrayLike = 1.0, losses: ArrayLike = 0.0, *, table: ArrayLike | None = None
 ) -> Any:
-    """Compute the heat of a receiver from the power of the light on the receiver.
+    """Compute the heat that a receiver transfers to its fluid from the power of the light on the receiver.
 
         heat = max(absorptance * power - losses, 0)
 

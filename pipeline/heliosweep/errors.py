@@ -1,6 +1,6 @@
-"""Errors that are shown to users, with one base class and one exit code for each kind of error.
+"""Exceptions that are shown to users, with a common base class and an exit code for each kind of error.
 
-Every message contains the position of the problem (file, line, column, key) and the remedy.
+Every message states the position of the problem (file, line, column, key) and the remedy.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ class Problem:
     message : str
         Description of the problem and its remedy.
     key : str
-        Dotted key of the study file, for instance ``site.latitude``; an empty string if no key applies.
+        Dotted key in the study file, for instance ``site.latitude``; an empty string if no key applies.
     file : str
         Name of the file as given by the user.
     line, column : int, optional
         Line and column in the file, counted from 1.
     unlisted : int
-        Number of unlisted problems that an entry represents; 0 for a single problem.
+        Number of unlisted problems that this entry represents; 0 for a single problem.
     """
 
     message: str
@@ -58,12 +58,12 @@ class Problem:
 
 
 def reason_of(error: BaseException | None) -> str:
-    """Return the type and message of an error that another library has raised."""
+    """Return the type and message of an error raised by another library."""
     return f"{type(error).__name__}: {error}".rstrip(": ")
 
 
 def listed(problems: Iterable[Problem], most: int, count: int, words: str = "more problems") -> list[Problem]:
-    """Return the first `most` of `count` problems of a file, and one entry for all other problems."""
+    """Return the first `most` of `count` problems in a file, and one entry for all other problems."""
     first = list(islice(problems, most))
     rest = count - len(first)
     return [*first, Problem(f"and {rest:,} {words}", file=first[0].file, unlisted=rest)] if rest else first
@@ -84,7 +84,7 @@ def load_extra(module: str, package: str, extra: str) -> Any:
     Raises
     ------
     HeliosweepError
-        If the package is not installed. The message contains the command that installs the package.
+        If the package is not installed. The message includes the command that installs the package.
     """
     try:
         return import_module(module)
@@ -94,7 +94,7 @@ def load_extra(module: str, package: str, extra: str) -> Any:
 
 
 class StudyError(HeliosweepError):
-    """Error for an invalid study or input file, which lists all problems."""
+    """Error that lists all problems in an invalid study or input file."""
 
     exit_code = 2
 
@@ -112,7 +112,7 @@ class StudyError(HeliosweepError):
 
 
 class PlanError(HeliosweepError):
-    """Error for a valid study that is too large for this machine.
+    """Error raised if a valid study is too large for this machine.
 
     The message names the dimension to reduce.
     """
@@ -121,6 +121,6 @@ class PlanError(HeliosweepError):
 
 
 class RunInterrupted(HeliosweepError):
-    """Error for a run that was stopped before its end and left no incomplete file."""
+    """Error raised if a run is stopped before it ends. No incomplete file remains."""
 
     exit_code = 4

@@ -33,11 +33,11 @@ def field_efficiency(
     layout: Any, sun_azimuth: ArrayLike, sun_elevation: ArrayLike, *, width: ArrayLike, height: ArrayLike,
     aim: ArrayLike, tracking: str = "azimuth_elevation", tower: tuple[float, float] | None = None,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute cosine, shading and blocking efficiencies of each heliostat of a field.
+    """Compute cosine, shading and blocking efficiencies of each heliostat in a field.
 
     Shaded and blocked areas are exact. All other mirrors are projected onto each mirror, along the sun's rays for
     shading and along the ray to the aim point for blocking. The lost area is the area of the union of the projections.
-    The shadow of the tower is another polygon of this union.
+    The shadow of the tower is another polygon in this union.
 
     Parameters
     ----------
@@ -48,13 +48,13 @@ def field_efficiency(
     width, height : float or array, shape (N,)
         Sides of the mirrors. [m]
     aim : float or array, shape (3,) or (N, 3)
-        Aim points, or the height of an aim point at x = y = 0. [m]
+        Aim points, or the height of a common aim point at x = y = 0. [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}
         Tracking method. The width of a mirror is horizontal ('azimuth_elevation'), or perpendicular to the plane of the
         sun and the aim point ('spinning_elevation').
     tower : (float, float), optional
-        Radius and top height of a tower at x = y = 0 that casts a shadow. The shadow has a straight end, and its area
-        is equal to the area of the shadow of a cylinder. [m]
+        Radius and top height of a tower that stands at x = y = 0 and casts a shadow. The shadow has a straight end and
+        the same area as the shadow of a cylinder. [m]
 
     Returns
     -------
@@ -70,8 +70,8 @@ def field_efficiency(
 
     References
     ----------
-    Chong and Tan (2012), International Journal of Photoenergy 2012, 908364, doi 10.1155/2012/908364; unions of
-    shadows: docs/families/field_efficiency.md.
+    Chong and Tan (2012), International Journal of Photoenergy 2012, 908364, doi 10.1155/2012/908364. The unions of
+    shadows are described in docs/families/field_efficiency.md.
 
     Examples
     --------

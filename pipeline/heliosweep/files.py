@@ -1,4 +1,4 @@
-"""Reading and writing of files, paths given by users, lock of the NetCDF library, and number of processors."""
+"""Functions that read and write files, resolve user paths, lock the NetCDF library, and count processors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 
 T = TypeVar("T")
 _numbers = itertools.count()
-#: Prefix of the names of files in the package pvlib, such as ``pvlib:data/723170TYA.CSV``.
+#: Prefix that marks the name of a file in the pvlib package, such as ``pvlib:data/723170TYA.CSV``.
 PVLIB = "pvlib:"
 
 
@@ -76,7 +76,7 @@ def named_in(folder: Path, name: str) -> Path:
 
 
 def seen_from(folder: Path, path: Path) -> str:
-    """Return a name of a file relative to `folder`, which `named_in` converts back to the path."""
+    """Return a file name relative to `folder`, from which `named_in` recovers the path."""
     seen = os.path.relpath(path, folder)
     if os.path.realpath(folder / seen) != os.path.realpath(path):
         seen = os.path.relpath(Path(os.path.realpath(path.parent)) / path.name, os.path.realpath(folder))
@@ -126,7 +126,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 
 def write_rows(rows: Iterable[Iterable[object]], path: Path, notes: Iterable[str] = ()) -> None:
-    """Write `notes` and rows to a CSV file in UTF-8, completely or not at all. Raises HeliosweepError."""
+    """Write `notes` and rows to a UTF-8 CSV file, completely or not at all. Raises HeliosweepError on failure."""
     with written_whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         file.writelines(f"# {line}\n" for line in notes)
         csv.writer(file, lineterminator="\n").writerows(rows)
@@ -134,7 +134,7 @@ def write_rows(rows: Iterable[Iterable[object]], path: Path, notes: Iterable[str
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Convert an OSError raised in writing a file to a HeliosweepError that gives the reason.
+    """Convert an OSError that is raised while a file is written to a HeliosweepError that gives the reason.
 
     Raises
     ------
@@ -210,10 +210,10 @@ def remove(path: Path) -> None:
 
 
 class _LibraryLock:
-    """Reentrant lock of the NetCDF library, which can be pickled. Each process has one lock.
+    """Reentrant lock for the NetCDF library. The lock can be pickled, and each process has one lock.
 
-    Only one thread at a time may call the library, even for different files. xarray uses a given lock to read values,
-    but not to open files or to read attributes.
+    Only one thread at a time may call the library, even for different files. xarray acquires a lock that is passed to
+    it when it reads values, but not when it opens files or reads attributes.
     """
 
     def __init__(self) -> None:
@@ -236,7 +236,7 @@ LIBRARY_LOCK = _LibraryLock()
 def processors() -> int:
     """Return the number of processors that this process may use, limited by CPU affinity and container quota."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    with suppress(OSError, ValueError):  # the process has no container or no quota
+    with suppress(OSError, ValueError):  # the process runs outside a container, or without a quota
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
         count = min(count, math.ceil(int(quota) / int(period)))
     return max(1, count)

@@ -1,4 +1,4 @@
-"""Backward gazing, without a study file, for the slopes of a mirror from camera images of the reflected sun.
+"""Backward gazing without a study file: mirror slopes from camera images of the reflected sun.
 
 Azimuths run from south towards east. On the mirror, y points to the right and z up as seen from the cameras at the
 target. Slopes are the horizontal and vertical components of the normal relative to the ideal mirror, a
@@ -30,7 +30,7 @@ def gazing_scene(
     distance: float = 120.0, focal_length: float | None = None, cameras: str | ArrayLike = "square",
     radius: float = 0.24, tilt: float = 30.0, face: float = 0.0,
 ) -> geometry.Scene:  # fmt: skip
-    """Return a scene of sun, mirror, target and cameras.
+    """Return a scene with the sun, the mirror, the target and the cameras.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ def gazing_scene(
     radius : float
         Distance of each camera from the target's centre. [m]
     tilt, face : float
-        Tilt of the target from the vertical, positive if the target faces down to the mirror, and rotation of the
-        target about the vertical, 0 for mirrors to the north. [deg]
+        `tilt` is the tilt of the target from the vertical, positive if the target faces down to the mirror. `face` is
+        the rotation of the target about the vertical, 0 if the mirror is to the north. [deg]
 
     Returns
     -------
@@ -59,8 +59,8 @@ def gazing_scene(
     Raises
     ------
     ValueError
-        If the sun is opposite the target, or if there are fewer than three cameras, or if all cameras lie on one line
-        as seen from the mirror.
+        If the sun is opposite the target, if there are fewer than three cameras, or if all cameras lie on one line as
+        seen from the mirror.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLik
     Parameters
     ----------
     scene : Scene
-        Scene of K cameras from `gazing_scene`.
+        Scene with K cameras, from `gazing_scene`.
     slope_x, slope_y : array or DataArray, shape (nz, ny)
         Horizontal and vertical slopes relative to the ideal mirror; NaN outside the mirror. [mrad]
     y, z : array, shape (ny,) and (nz,), optional
@@ -130,20 +130,20 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     Parameters
     ----------
     scene : Scene
-        Scene of K cameras from `gazing_scene`.
+        Scene with K cameras, from `gazing_scene`.
     images : array or DataArray, shape (K, nz, ny)
-        Brightness at points of the mirror relative to the centre of the sun; NaN for pixels to ignore. [1]
+        Brightness of points on the mirror, relative to the centre of the sun; NaN for pixels to ignore. [1]
     y, z : array, shape (ny,) and (nz,), optional
         Positions on the mirror (default: coordinates of `images`). [m]
     method : {'LM', 'A', 'O1', 'O2'}
         Levenberg-Marquardt with backward ray tracing ('LM'), linear least squares ('A'), Nelder-Mead with the wavefront
         ('O1'), or Nelder-Mead with backward ray tracing ('O2').
     referential : {'exact', 'roll', 'none'}
-        Conversion from the frame of the wavefront to the frame of the mirror, for the methods A and O1.
+        Conversion from the wavefront frame to the mirror frame, for the methods A and O1.
     threshold : float
         Minimum brightness at which a camera counts as lit. [1]
     fit_gain : bool
-        If True, fit a gain for each pixel that is common to all cameras. The method A does not use this option.
+        If True, fit a gain for each pixel, common to all cameras. Method A ignores this option.
     sun_profile : (array, array), optional
         As in `render_images`.
 
@@ -199,8 +199,7 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
     Parameters
     ----------
     points : array, shape (n, 2) or (n, 3)
-        Points of the mirror relative to the mirror centre, with components to the right and up as seen from the target.
-        [m]
+        Points on the mirror relative to its centre, with components to the right and up as seen from the target. [m]
     normals : array, shape (n, 3)
         Normals of the surface, of any length, with components to the right, up and towards the target.
     step : float
@@ -263,11 +262,11 @@ class Found(NamedTuple):
     lit : ndarray of int, shape (N,)
         Bit field for each pixel, in which bit i is set if camera i is lit.
     quality : ndarray of int, shape (M, N)
-        Bit field with the bits NOT_CONVERGED, UNLIT and OUTSIDE of the kernels.
+        Bit field of the flags NOT_CONVERGED, UNLIT and OUTSIDE, which are defined in the kernels.
     fit : SlopeFit or None
         Result of the method LM, or None if LM is not among the methods.
     evaluations : ndarray, shape (M,)
-        Mean number of evaluations of the merit function for each pixel with slopes; 0 for the method A.
+        Mean number of merit function evaluations per pixel with slopes; 0 for method A.
     """
 
     slopes: Floats
@@ -281,10 +280,10 @@ def find_slopes(
     layout: geometry.Scene, profile: Profile, images: Floats, pixels: Floats, threshold: float,
     methods: Sequence[str], referentials: Sequence[int], fit_gain: bool = False, smooth: bool = False,
 ) -> Found:  # fmt: skip
-    """Reconstruct slopes by several methods from one set of images (K, N) at pixels (2, N) [m].
+    """Reconstruct slopes by several methods from images of shape (K, N) at pixel positions of shape (2, N) [m].
 
-    Each referential is the index of a row of `geometry.transfers`. If `smooth` is True, the method LM uses only the
-    smooth fit of a tabulated sun profile.
+    Each referential is a row index into `geometry.transfers`. If `smooth` is True, the method LM uses only the smooth
+    fit of a tabulated sun profile.
     """
     every = geometry.transfers(layout)
     matrices = np.ascontiguousarray(every[list(referentials)])
@@ -335,7 +334,7 @@ def _pixels(y: Floats, z: Floats) -> Floats:
 
 
 def _labelled(values: Floats, dims: tuple[str, ...], y: Floats, z: Floats, attrs: dict[str, Any]) -> Any:
-    """Return values over (`dims`, z, y) as a DataArray, in which cameras are numbered from 1."""
+    """Return a DataArray with the dimensions `dims`, z and y. Cameras are numbered from 1."""
     labels = {"z": ("z", z, {"units": "m"}), "y": ("y", y, {"units": "m"})}
     numbers: Any = {"camera": np.arange(1, len(values) + 1)} if dims else {}
     return xr.DataArray(values, {**numbers, **labels}, (*dims, "z", "y"), attrs=attrs)

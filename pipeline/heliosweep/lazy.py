@@ -1,4 +1,4 @@
-"""Libraries that are slow to import, and that are imported when one of their names is first used."""
+"""Libraries that are slow to import. Each is imported when one of its names is first used."""
 
 from __future__ import annotations
 

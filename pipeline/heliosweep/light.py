@@ -23,7 +23,7 @@ from heliosweep.sun import direction
 #: Dimensions of flux maps.
 _CELLS = ("flux_row", "flux_column")
 TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
-#: Maximum number of rows and of columns of a flux map, and maximum angle of a sun shape from the sun's centre [mrad].
+#: Maximum number of rows or columns in a flux map, and maximum angle from the sun's centre in a sun shape [mrad].
 _MOST_CELLS, WIDEST = 1000, 100.0
 #: Number of arguments of each sun shape.
 _SUN_SHAPES = {"pillbox": 0, "gaussian": 0, "limb_darkened": 0, "jose": 0, "buie": 1, "table": 2}
@@ -33,14 +33,14 @@ _PARTS = {
     "blocking_efficiency": "fraction of the mirror whose light is not blocked",
     "optical_efficiency": "cosine times the fraction that is neither shaded nor blocked",
     "intercept_efficiency": "fraction of the light leaving the field that hits the receiver",
-    "receiver_efficiency": "fraction of the light on the mirror area, normal to the sun, that hits the receiver",
+    "receiver_efficiency": "fraction of the light on the mirror area at normal incidence that hits the receiver",
 }
 
 
 class Cylinder(NamedTuple):
     """Receiver on the outside of an upright cylinder at x = y = 0.
 
-    The attributes are the height of the centre, the radius, and the height from lower to upper edge. [m]
+    The attributes are the height of the centre, the radius, and the height from lower to upper edge, all in m.
     """
 
     height: float
@@ -49,11 +49,11 @@ class Cylinder(NamedTuple):
 
 
 class Rectangle(NamedTuple):
-    """Receiver that is a rectangle, or the aperture of a cavity, at x = y = 0.
+    """Flat rectangular receiver, or rectangular aperture of a cavity, at x = y = 0.
 
-    The attributes are the height of the centre, the width, and the height along the face [m]. Further attributes are
-    the azimuth of the normal, 0 for a field to the north, and the tilt of the normal above the horizontal, which is
-    negative if the receiver faces down [deg].
+    The attributes are the height of the centre, the width, and the height along the face, all in m; and, in deg, the
+    azimuth of the normal, 0 for a field to the north, and the tilt of the normal above the horizontal, which is
+    negative if the receiver faces down.
     """
 
     height: float
@@ -82,7 +82,7 @@ def field_scene(
     sun_shape: str | tuple[Any, ...] = "pillbox",
     tower: tuple[float, float] | None = None,
 ) -> kernel.Scene:
-    """Return a field as a scene for the compiled tracer.
+    """Return the scene of a field for the compiled ray tracer.
 
     Parameters
     ----------
@@ -99,8 +99,8 @@ def field_scene(
         Tracking method. The width of a mirror is horizontal ('azimuth_elevation'), or perpendicular to the plane of the
         sun and the aim point ('spinning_elevation').
     focus : 'flat', 'slant', float or array, shape (N,) or (N, 2)
-        Focal length of the mirror or of its facets; 'slant' means the distance to the aim point. Two values
-        apply along the width and along the height. [m]
+        Focal length of the mirror or of its facets; 'slant' means the distance to the aim point. Two values are the
+        focal lengths along the width and along the height. [m]
     facets : (int, int, float)
         Number of columns and number of rows of facets, and gap between facets [m].
     canting : 'none', 'on_axis', float or array, shape (N,)
@@ -121,7 +121,7 @@ def field_scene(
         'pillbox', 'gaussian', 'limb_darkened', 'jose', ('buie', circumsolar ratio), or ('table', angles [mrad],
         brightness), with angles from 0 to at most 100 mrad.
     tower : (float, float), optional
-        Radius and top height of a tower below the receiver at x = y = 0, which casts a shadow. [m]
+        Radius and top height of a tower that stands below the receiver at x = y = 0 and casts a shadow. [m]
 
     Returns
     -------
@@ -132,7 +132,7 @@ def field_scene(
     ------
     ValueError
         If the shapes do not match, if a name is unknown, or if the position of a mirror, an aim point or the receiver
-        is impossible. The message names the argument and the heliostat.
+        is not possible. The message names the argument and the heliostat.
 
     Examples
     --------
@@ -212,36 +212,36 @@ def trace_field(
 ) -> xr.Dataset:  # fmt: skip
     """Trace the light of a heliostat field at one or more instants.
 
-    Each ray starts at a point of the reflecting area. Other mirrors, which are treated as planes, can shade the ray on
+    Each ray starts at a point on the reflecting area. Other mirrors, which are treated as planes, can shade the ray on
     its way from the sun and block the ray on its way to the receiver. The intersection of the ray with the receiver is
     computed with the curved surface of the mirror.
 
     Parameters
     ----------
     layout : array, DataFrame, Dataset, mapping or Scene
-        Centres of the mirrors as in `field_scene`, or a scene of `field_scene`.
+        Centres of the mirrors as in `field_scene`, or a scene from `field_scene`.
     receiver : Cylinder or Rectangle
         Receiver of the field; None if `layout` is a scene.
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
-        Direction to the sun. [deg]
+        Azimuth and elevation of the sun. [deg]
     rays : int, optional
         Number of rays for each heliostat and instant, rounded up to 16, 32 or a power of two (default: the number that
         reaches `precision` at the quartiles of the sun's elevation).
     precision : float
-        Relative standard error of the light of the whole field, at least 1e-6. The standard errors of cells relative to
-        the peak are at most 40 times this value. The standard errors of heliostats relative to the light on their area
-        are at most 6 times this value.
+        Relative standard error of the light from the whole field, at least 1e-6. The standard errors of cells relative
+        to the peak are at most 40 times this value. The standard errors of heliostats relative to the light on their
+        area are at most 6 times this value.
     seed : int
         Seed of the random numbers. The rays depend only on the seed and on the indices of heliostat and instant.
     flux_map : (int, int), optional
         Numbers of rows and columns of cells on the receiver, each at most 1000. Rows count upwards. Columns count from
         left to right as seen from the field, or, on a cylinder, clockwise from north.
     dni : float or array, shape (T,)
-        Direct normal irradiance of the flux map, at most 2000. [W m-2]
+        Direct normal irradiance for the flux map, at most 2000. [W m-2]
     threads : int, optional
         Number of threads, which does not affect the results (default: all cores).
     device : {'cpu', 'cuda'}
-        Processor that traces the rays; 'cuda' means an NVIDIA graphics processor and requires ``heliosweep[gpu]``.
+        Processor that traces the rays; 'cuda' means an NVIDIA GPU and requires ``heliosweep[gpu]``.
     **field
         Arguments of `field_scene`.
 
@@ -257,11 +257,12 @@ def trace_field(
     Raises
     ------
     ValueError
-        If arguments are invalid, see `field_scene`, or there are more than 2e12 rays. The message names the argument.
+        If an argument is invalid (see `field_scene`), or if there are more than 2e12 rays. The message names the
+        argument.
 
     Notes
     -----
-    Each result is the mean of 8 independent scrambled Sobol sequences. Two standard errors include about 95 % of the
+    Each result is the mean of 8 independent scrambled Sobol sequences. About 95 % of the errors are within two standard
     errors (Student's t). The references are listed in docs/light.md.
 
     Examples
@@ -283,7 +284,7 @@ def trace_field(
     each = _rays_for(scene, [sun[one] for one in some], None, rays, precision, cells, area, seed, instants)
     given: dict[str, Any] = {"rays": each, "seed": seed, "cells": cells, "threads": threads, "share": area}
     given["cuda"] = _on_device(device)
-    length = 1 if cells is not None else max(1, 20_000 // len(area))  # number of instants with sums in memory
+    length = 1 if cells is not None else max(1, 20_000 // len(area))  # number of instants whose sums are in memory
     variables, shape, efficiency, maps = dict[str, Any](), (*dims, "heliostat"), [], []
     for first in range(0, instants, length):
         last = min(first + length, instants)
@@ -311,7 +312,7 @@ def trace_year(
 ) -> xr.Dataset:  # fmt: skip
     """Trace the light of a heliostat field over a period.
 
-    The energy of a heliostat on the receiver is
+    The energy that a heliostat delivers to the receiver is
 
         E = area * transmittance * sum of irradiation * reflectivity * cosine * fraction of the rays that arrive.
 
@@ -339,7 +340,8 @@ def trace_year(
     Raises
     ------
     ValueError
-        If arguments are invalid, see `field_scene`, or there are more than 2e12 rays. The message names the argument.
+        If an argument is invalid (see `field_scene`), or if there are more than 2e12 rays. The message names the
+        argument.
 
     Examples
     --------
@@ -370,7 +372,7 @@ def trace_year(
     for name, pair in _efficiencies(sums, total).items():
         variables |= _with_error(name, ("heliostat",), pair, "1", _PARTS[name])
     for name, dims, values in (("receiver", ("heliostat",), energy), ("field", (), energy.sum(axis=1))):
-        words = f"energy of the {'heliostat' if dims else 'field'} on the receiver"
+        words = f"energy from the {'heliostat' if dims else 'field'} on the receiver"
         variables |= _with_error(f"{name}_energy", dims, kernel.mean_error(values), "MWh", words)
     if cells is not None:
         flux = found.flux * (found.unit / cell_area(scene.receiver, cells))
@@ -382,13 +384,13 @@ def hflcal(
     layout: Any, receiver: Cylinder | Rectangle | None = None, sun_azimuth: ArrayLike = 180.0,
     sun_elevation: ArrayLike = 45.0, **field: Any,
 ) -> Floats:  # fmt: skip
-    """Return the intercept of each heliostat by HFLCAL, which models each image as a round Gaussian.
+    """Return the intercept of each heliostat according to HFLCAL, which models each image as a round Gaussian.
 
-    The results are accurate to a few percent. The variance of the image has two parts. The first part is due to sun,
-    slopes and specularity over the slant range D. The second part is due to astigmatism and is 1/32 of the sum of the
-    squares of d (D / f - cos i) and d (D cos i / f - 1), where d is the square root of the mirror area, f the focal
-    length and i the angle of incidence. The variance is divided by the cosine of the angle of incidence on the
-    receiver.
+    The results are accurate to a few percent. The variance of the image has two parts. The first part is due to the
+    sun, the slope errors and the specularity over the slant range D. The second part is due to astigmatism and is 1/32
+    of the sum of the squares of d (D / f - cos i) and d (D cos i / f - 1), where d is the square root of the mirror
+    area, f the focal length and i the angle of incidence. The variance is divided by the cosine of the angle of
+    incidence on the receiver.
 
     Parameters
     ----------
@@ -444,8 +446,8 @@ def image_radius(flux: xr.DataArray) -> xr.DataArray:
     Parameters
     ----------
     flux : DataArray, shape (..., flux_row, flux_column)
-        Flux or energy on the cells of a plane receiver. The coordinates are the centres of the cells, as in results of
-        studies [m]. Without coordinates, the unit of length is the side of a cell.
+        Flux or energy in the cells of a flat receiver. The coordinates are the centres of the cells, as in study
+        results [m]. Without coordinates, the unit of length is the side of a cell.
 
     Returns
     -------
@@ -499,7 +501,7 @@ def per_item(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, mo
 
 
 def _on_device(device: str) -> bool:
-    """Return True if the device is a graphics processor. Raises ValueError if no graphics processor is available."""
+    """Return True if the device is a GPU. Raises ValueError if a GPU is requested but not available."""
     if device not in ("cpu", "cuda"):
         raise ValueError(f"`device` must be 'cpu' or 'cuda' (got {device!r})")
     if device == "cuda" and (problem := device_problem()):
@@ -602,7 +604,7 @@ def _sun_shape(given: str | tuple[Any, ...]) -> sunshapes.SunShape:
 
 
 def sun_directions(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tuple[str, ...], dict[str, Any]]:
-    """Return unit vectors to the sun, shape (T, 3), and the dimension of instants with its coordinates."""
+    """Return unit vectors to the sun, shape (T, 3), and the time dimension with its coordinates."""
     labels = getattr(azimuth, "coords", None)
     angles = np.broadcast_arrays(*(np.asarray(each, np.float64) for each in (azimuth, elevation)))
     if angles[0].ndim > 1 or not angles[0].size:
@@ -637,7 +639,7 @@ def _rays_for(
 
 
 def _efficiencies(sums: Floats, total: float) -> dict[str, tuple[Floats, Floats]]:
-    """Return means and standard errors of efficiencies from sums with replicates first and quantities last."""
+    """Return means and standard errors of efficiencies from sums of shape (replicates, ..., quantities)."""
     index = (kernel.COSINE, kernel.UNSHADED, kernel.UNBLOCKED, kernel.OPTICAL, kernel.LIGHT)
     names = [name for name in _PARTS if name != "intercept_efficiency"]
     found = {name: kernel.mean_error(sums[..., k] / total) for name, k in zip(names, index, strict=True)}
@@ -674,7 +676,7 @@ def _map_variables(maps: Sequence[NDArray[Any]], dims: tuple[str, ...], units: s
 def _dataset(
     variables: dict[str, Any], coordinates: dict[str, Any], scene: kernel.Scene, layout: Any, rays: int, seed: int
 ) -> xr.Dataset:
-    """Return a data set with labels. The labels of heliostats are the index of the layout or numbers from 1."""
+    """Return a data set in which heliostats are labelled by the index of the layout, or by numbers from 1."""
     attributes = {"rays": kernel.block_rays(rays), "seed": seed}
     return xr.Dataset(variables, {**heliostat_coordinates(layout, scene.centre), **coordinates}, attributes)
 

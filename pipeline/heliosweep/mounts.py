@@ -1,12 +1,12 @@
 """Encoder angles, spots, deviation curves and calibration of heliostat mounts, without a study file.
 
 Coordinates are x east, y north and z up [m]. Azimuths run clockwise from north [deg]. Spots lie on the plane of a flat
-receiver through the aim point. The coordinate y of a spot points to the right for an observer in the field who looks at
-the receiver, and z points up along the face of the receiver [m].
+receiver through the aim point. For an observer in the field who looks at the receiver, the spot coordinate y points to
+the right, and z points up along the face of the receiver [m].
 
 A mount has a primary axis and a secondary axis perpendicular to the primary axis. If the primary axis is vertical and
-the mount has no errors, the two axes are the azimuth and elevation axes. The errors of a mount, in the order of
-`ERRORS`, are [mrad]:
+the mount has no errors, the two axes are the azimuth and elevation axes. The mount errors [mrad], in the order of
+`ERRORS`, are:
 
 - ``azimuth_reference``: offset of the primary encoder's zero, positive clockwise as seen from the end of the axis;
 - ``elevation_reference``: offset of the secondary encoder's zero, positive up;
@@ -31,7 +31,7 @@ from heliosweep.kernels.mounts import ERRORS, POLAR
 from heliosweep.lazy import xr
 from heliosweep.light import heliostat_coordinates, mirror_centres, per_item, sun_directions
 
-#: Kinds of mounts, sources and axes of an error, and loss functions, in the order of their codes in the kernels.
+#: Mount kinds, error sources, error axes and loss functions, each in the order of their codes in the kernels.
 KINDS = ("azimuth_elevation", "target_aligned", "polar", "tilt_roll")
 SOURCES, AXES = ("canting", "encoder", "tilt"), ("elevation", "azimuth", "encoder_azimuth")
 LOSSES = ("squared", "huber", "cauchy")
@@ -46,7 +46,7 @@ SPOT_STATUS = {
     aiming.BLIND_CONE: "mount_cannot_point_there",
     aiming.TOO_NEAR: "offsets_not_smaller_than_the_distance",
 }
-#: Meanings of `calibration_status`, in which % is replaced by the word for a spot or a crossing.
+#: Meanings of `calibration_status`, in which % stands for the word "spot" or "crossing".
 CALIBRATION_STATUS = {
     calibration.ESTIMATED: "estimated",
     calibration.TOO_FEW: "fewer_%s_than_the_errors_need",
@@ -73,11 +73,10 @@ def mount_angles(
     aim : float or array, shape (3,) or (N, 3)
         Aim points, or the height of an aim point at x = y = 0. [m]
     kind : {'azimuth_elevation', 'target_aligned', 'polar', 'tilt_roll'}
-        Kind of mount by the direction of its primary axis, which is vertical, towards the aim point, towards the
-        celestial north pole, or horizontal.
+        Kind of mount. The primary axis is vertical, points to the aim point, points to the celestial north pole, or is
+        horizontal, respectively.
     errors : mapping or array, shape (K,) or (N, K), optional
-        Errors of the mounts that the encoder angles correct, by name or as the first K of `ERRORS` (default: no
-        errors). [mrad]
+        Mount errors that the encoder angles correct, by name or as the first K of `ERRORS` (default: no errors). [mrad]
     **mount : float
         ``latitude`` of a polar mount, and ``axis_azimuth`` of the primary axis of a tilt-roll mount [deg];
         ``mirror_offset``, the distance of the mirror's centre in front of the secondary axis; ``axis_offset``, the
@@ -91,8 +90,8 @@ def mount_angles(
     xarray.Dataset
         `primary_angle` is measured from the zero of the mount's frame (north for a vertical axis), positive clockwise
         as seen from the end of the axis. `secondary_angle` is measured from the plane perpendicular to the primary
-        axis. The dimensions are heliostat (omitted for one pivot) and time (omitted for a single instant). Angles are
-        NaN if the sun is below the horizon, or if the mount cannot point in the required direction. [deg]
+        axis. The dimensions are heliostat (omitted for a single pivot) and time (omitted for a single instant). Angles
+        are NaN if the sun is below the horizon, or if the mount cannot point in the required direction. [deg]
 
     Raises
     ------
@@ -102,7 +101,7 @@ def mount_angles(
 
     References
     ----------
-    Optics Express 27(8), A257 (2019), with all six errors and offsets.
+    Optics Express 27(8), A257 (2019), here with all six errors and the offsets.
 
     Examples
     --------
@@ -119,23 +118,23 @@ def mount_spots(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, pivot: Any, aim: ArrayLike, errors: Any = None, *,
     corrected: Any = None, kind: str = "azimuth_elevation", **mount: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the spots of mounts with errors on the plane of the receiver.
+    """Compute where the spots of mounts with errors fall on the receiver plane.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
         As in `mount_angles`.
     errors : mapping or array, shape (K,) or (N, K), optional
-        Errors of the mounts, by name or as the first K of `ERRORS` (default: no errors). [mrad]
+        Mount errors, by name or as the first K of `ERRORS` (default: no errors). [mrad]
     corrected : mapping or array, optional
-        Errors of the mounts that the commanded angles correct (default: no errors). [mrad]
+        Mount errors that the commanded angles correct (default: no errors). [mrad]
 
     Returns
     -------
     xarray.Dataset
-        `spot_y` and `spot_z` are the coordinates of the spots, which are NaN if the ray from the mirror's centre does
-        not reach the plane [m]. `spot_status` gives the reason. The dimensions are heliostat (omitted for one pivot)
-        and time (omitted for a single instant).
+        `spot_y` and `spot_z` are the coordinates of the spots [m]; NaN if the ray from the mirror's centre does not
+        reach the plane. `spot_status` gives the reason. The dimensions are heliostat (omitted for a single pivot) and
+        time (omitted for a single instant).
 
     Raises
     ------
@@ -183,16 +182,16 @@ def deviation_curve(
         Width of the aperture, and height of the aperture along the face of the receiver. The aim point is the centre of
         the aperture. [m]
     errors : mapping or array, shape (K,) or (N, K), optional
-        Further errors of the mounts, by name or as the first K of `ERRORS` (default: no errors). [mrad]
+        Other mount errors, by name or as the first K of `ERRORS` (default: no errors). [mrad]
 
     Returns
     -------
     xarray.Dataset
-        Variables `spot_y`, `spot_z` and `spot_status` as in `mount_spots`, with the further dimension ``size``.
-        The variable `tracking_tolerance` is the minimum magnitude of the error at which the spot leaves the aperture.
-        The tolerance is infinite if the spot never leaves the aperture, 0 if the spot is outside the aperture without
-        the error, and NaN if there is no spot [mrad]. `eccentricity` is the eccentricity of the deviation curve, or NaN
-        if the curve is not a conic section [1].
+        Variables `spot_y`, `spot_z` and `spot_status` as in `mount_spots`, with the additional dimension ``size``. The
+        variable `tracking_tolerance` is the minimum magnitude of the error at which the spot leaves the aperture. The
+        tolerance is infinite if the spot never leaves the aperture, 0 if the spot is outside the aperture without the
+        error, and NaN if there is no spot [mrad]. `eccentricity` is the eccentricity of the deviation curve, or NaN if
+        the curve is not a conic section [1].
 
     Raises
     ------
@@ -344,7 +343,7 @@ def error_changes(
     estimated_error: ArrayLike, standard_error: ArrayLike, freedom: ArrayLike, *, dim: str = "period",
     confidence: float = 0.999,
 ) -> xr.Dataset:  # fmt: skip
-    """Compare estimated errors of mounts with the first estimates, and flag significant changes.
+    """Compare estimated mount errors with the first estimates, and flag significant changes.
 
     Parameters
     ----------
@@ -352,7 +351,7 @@ def error_changes(
         Estimated errors in P periods and their standard errors, from `calibrate_mount`; NaN for missing estimates.
         [mrad]
     freedom : array, shape (P, ...), or DataArray
-        Degrees of freedom of the estimates, which are two for each spot minus the number of estimated errors.
+        Degrees of freedom of the estimates: two for each spot, minus the number of estimated errors.
     dim : str
         Dimension of the periods.
     confidence : float
@@ -413,7 +412,7 @@ def detector_inversion(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, elevation_crossing: ArrayLike, azimuth_crossing: ArrayLike,
     pivot: Any, aim: ArrayLike, *, kind: str = "azimuth_elevation", **mount: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the angles of mounts from the points at which two traces cross detectors.
+    """Compute mount angles from the points at which two light traces cross detectors.
 
     A reflecting cylinder along the elevation axis of the mirror draws the elevation trace on the receiver's plane. A
     cylinder up the slope of the mirror draws the azimuth trace. The primary and secondary angles are computed in
@@ -431,8 +430,8 @@ def detector_inversion(
     Returns
     -------
     xarray.Dataset
-        Angles `primary_angle` and `secondary_angle` of the mirrors as in `mount_angles`. The errors of the encoder
-        references are these angles minus the commanded angles. [deg]
+        Angles `primary_angle` and `secondary_angle` of the mirrors as in `mount_angles`. The encoder reference errors
+        are these angles minus the commanded angles. [deg]
 
     Raises
     ------
@@ -478,7 +477,7 @@ class _Scene(NamedTuple):
     pivots : ndarray, shape (N, 3)
         Pivots relative to the aim points. [m]
     dims : tuple
-        Names of the dimensions of mounts and instants, which are omitted for one pivot and for a single instant.
+        Names of the dimensions of mounts and of instants; empty for a single pivot and for a single instant.
     """
 
     setting: aiming.Setting
@@ -491,9 +490,9 @@ class _Scene(NamedTuple):
     def dataset(
         self, variables: Mapping[str, Any], mounts: Mapping[str, Any] | None = None, **coordinates: Any
     ) -> xr.Dataset:
-        """Return a data set of variables (N, T, ...) and of variables of mounts (N, ...).
+        """Return a data set of `variables`, shape (N, T, ...), and of mount variables `mounts`, shape (N, ...).
 
-        Each entry contains the further dimensions, the values and the attributes of a variable. The dimension of a
+        Each entry contains the additional dimensions, the values and the attributes of a variable. The dimension of a
         single pivot or instant is omitted.
         """
         (each, time), every = self.dims, slice(None)
@@ -553,7 +552,7 @@ def _errors(errors: Any, count: int) -> Floats:
     """Return the errors of mounts, shape (count, 6). [rad]"""
     if isinstance(errors, Mapping):
         if unknown := [name for name in errors if name not in ERRORS]:
-            raise ValueError(f"unknown error of a mount {unknown[0]!r}: use {', '.join(ERRORS)}")
+            raise ValueError(f"unknown mount error {unknown[0]!r}: use {', '.join(ERRORS)}")
         errors = np.stack(np.broadcast_arrays(*(errors.get(name, 0.0) for name in ERRORS)), axis=-1)
     array = np.atleast_1d(np.asarray(() if errors is None else _leading(errors), np.float64))
     wide = [(0, 0)] * (array.ndim - 1) + [(0, max(0, len(ERRORS) - array.shape[-1]))]
@@ -567,7 +566,7 @@ def _code(name: str, value: str, options: tuple[str, ...]) -> int:
 
 
 def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
-    """Return a data set in degrees of the angles of mounts, shape (N, T, 2) [rad]."""
+    """Return a data set with mount angles in degrees from an array in radians, shape (N, T, 2)."""
     return scene.dataset({
         name: ((), np.degrees(angles[..., k]), {"units": "degree", "long_name": words})
         for k, (name, words) in enumerate(_ANGLES.items())
@@ -575,7 +574,7 @@ def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
 
 
 def _spots(values: Floats, dims: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return the variables of spots from one array of y, z and status, shape (3, N, T, ...)."""
+    """Return the spot variables from an array of shape (3, N, T, ...) that contains y, z and status."""
     y, z, status = values
     return {
         "spot_y": (dims, y, {"units": "m", "long_name": "spot on the receiver's plane, to the right of the aim point"}),

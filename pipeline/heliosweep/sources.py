@@ -1,4 +1,4 @@
-"""Digest of the source files that compute numbers, and versions of the libraries that these files use."""
+"""Digest of the source files that affect computed numbers, and versions of the libraries that these files use."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ _OTHERS |= {f"{name}.py" for name in ("__main__", "accessor", "api", "cli", "com
 
 @cache
 def code_versions(*modules: str) -> dict[str, str]:
-    """Return digests of this package and of the packages of the given modules, and versions of the libraries."""
+    """Return a digest of this package and of the packages that contain the given modules, and the library versions."""
     folders = {_PACKAGE}
     for name in modules:
         package = name.partition(".")[0]
         if package != _PACKAGE.name and (spec := importlib.util.find_spec(package)) and spec.origin:
             folders.add(Path(spec.origin).parent if spec.submodule_search_locations else Path(spec.origin))
     digest = source_digest(*sorted(folders))
-    # These libraries affect computed numbers, unlike xarray and dask, which only store them.
+    # These libraries affect computed numbers. By contrast, xarray and dask only store numbers.
     libraries = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "pillow", "tzdata")
     return {"heliosweep": digest[:16], **{name: version_of(name) or "missing" for name in libraries}}
 
 
 def source_digest(*places: Path) -> str:
-    """Return the SHA-256 digest of Python files in given places (default: the modules that compute numbers)."""
+    """Return the SHA-256 digest of the Python files at the given paths. Some files of this package are excluded."""
     digest = hashlib.sha256()
     for place in places:
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:

@@ -1,8 +1,8 @@
-"""Position of the sun at civil times with the SPA, and at solar times with Cooper's declination.
+"""Position of the sun, from the SPA at civil times and from Cooper's declination at solar times.
 
-Azimuths run clockwise from north, and elevations upwards from the horizon, without refraction [deg]. Unit vectors to
-the sun have the components east, north and up. Positions at civil times are as accurate as the SPA, but take only 1 %
-of the computing time of the SPA. The SPA of pvlib is called once per day, and splines interpolate between days. From
+Azimuths are measured clockwise from north, and elevations upwards from the horizon without refraction [deg]. Unit
+vectors to the sun have east, north and up components. Positions at civil times are as accurate as those of the SPA, but
+take only 1 % of its computing time. The SPA of pvlib is called once per day, and splines interpolate between days. From
 1950 to 2050, the maximum difference from pvlib's SPA is 0.001 arcsec. One third of this difference is due to rounding
 of the Julian day in pvlib.
 """
@@ -82,7 +82,7 @@ def sun_position_solar(
     day : float or array, shape (D,), optional
         Day of the year, 1 on 1 January, from which Cooper's formula computes the declination.
     declination : float or array, shape (D,), optional
-        Solar declination, positive north, which replaces the day. [deg]
+        Solar declination, positive north, instead of the day. [deg]
 
     Returns
     -------
@@ -119,7 +119,7 @@ def sun_position_solar(
 
 
 def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
-    """Return the elevation of the horizon at azimuths by linear interpolation in a table.
+    """Return the elevation of the horizon at given azimuths, linearly interpolated from a table.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
 
     References
     ----------
-    pvlib, gallery, "Simple irradiance adjustment for horizon shading".
+    pvlib gallery, "Simple irradiance adjustment for horizon shading".
 
     Examples
     --------
@@ -158,7 +158,7 @@ def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
 
 
 def direction(azimuth: ArrayLike, elevation: ArrayLike) -> NDArray[np.float64]:
-    """Return unit vectors, shape (..., 3), for azimuths and elevations [deg], which are broadcast."""
+    """Return unit vectors, shape (..., 3), for azimuths and elevations that are broadcast against each other [deg]."""
     a, e = np.broadcast_arrays(np.radians(azimuth), np.radians(elevation))
     return np.stack((np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=-1)
 
@@ -177,7 +177,7 @@ def _labelled(vectors: NDArray[np.float64], labels: dict[str, Any]) -> xr.Datase
     return xr.Dataset(variables, labels)
 
 
-#: Number of nodes beyond both ends of a year. The error at the end of a spline decreases by a factor of 0.27 per node.
+#: Number of nodes beyond each end of a year. The error at the end of a spline decreases by a factor of 0.27 per node.
 MARGIN = 20
 
 
@@ -192,10 +192,10 @@ def sun_vectors(
 
     `utc` contains universal times; the result is NaN for NaT. Latitudes and longitudes, positive north and east [deg],
     and altitudes above sea level [m] are broadcast. The difference `delta_t` is terrestrial minus universal time [s]
-    (default: pvlib's estimate for the month of each instant). The result has the shape (*sites, T, 3), with the
-    components east, north and up. [1]
+    (default: pvlib's estimate for the month of each instant). The result has the shape (*sites, T, 3), with east, north
+    and up components. [1]
 
-    Raises ValueError if `delta_t` is not finite or not below a day, or if an instant is not in the years 1678 to 2261.
+    Raises ValueError if `delta_t` is not finite or not below a day, or if an instant is outside the years 1678 to 2261.
     """
     stamps = np.asarray(utc, "datetime64[ns]")
     given = np.asarray(utc, "datetime64")
@@ -211,7 +211,7 @@ def sun_vectors(
         instants = np.where(known, stamps, stamps[known.argmax()]).view(np.int64)
         first, last = int(instants.min()), int(instants.max())
         late = _delta_t(first // DAY, last // DAY, delta_t)
-        # The margin of 1 us allows for the rounding of the days of terrestrial time.
+        # A margin of 1 us allows for rounding of the days in terrestrial time.
         years = range(_year_of(first + int(late.min() * 1e9) - 1000), _year_of(last + int(late.max() * 1e9) + 1000) + 1)
         pieces = np.concatenate([_splines(year) for year in years])
         sun_at_sites(instants, late, first // DAY, pieces, _new_year(years[0]), sites, sun)

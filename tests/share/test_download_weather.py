@@ -126,14 +126,14 @@ def test_the_nsrdb_needs_a_key_that_is_not_written(url, tmp_path, monkeypatch):
         assert read.utc[0] == np.datetime64("2019-01-01T05:30")
         np.testing.assert_array_equal(read.dni, [row[1] for row in DAY] * 365)
     monkeypatch.setenv("NSRDB_API_KEY", "wrong")
-    with pytest.raises(HeliosweepError, match=r"nsrdb: no weather of 36.1, -79.9 deg: API_KEY_INVALID: \.\.\."):
+    with pytest.raises(HeliosweepError, match=r"nsrdb: no weather data for 36.1, -79.9 deg: API_KEY_INVALID: \.\.\."):
         heliosweep.download_weather("nsrdb", 36.1, -79.9, tmp_path / "other.csv", url=url)
 
 
 @pytest.mark.parametrize(
     ("place", "message"),
     [((95.0, 8.0), "--latitude: must be between -90 and 90 deg"), ((45.0, 200.0), "--longitude: must be between"),
-     ((0.0, 0.0), "pvgis: no weather of 0, 0 deg: Location over the sea")],
+     ((0.0, 0.0), "pvgis: no weather data for 0, 0 deg: Location over the sea")],
 )  # fmt: skip
 def test_wrong_places_are_refused(url, tmp_path, place, message):
     with pytest.raises(HeliosweepError, match=message):

@@ -142,14 +142,14 @@ def test_without_pysam(monkeypatch, folder, capsys):
     ("changes", "said"),
     [
         ({"receiver": {"kind": "rectangle", "height": 60, "width": 5, "height_extent": 5, "absorptance": 0.9}},
-         r"receiver.kind: must be cylinder, the external receiver of SAM \(got rectangle\)"),
+         r"receiver.kind: must be cylinder, SAM's external receiver \(got rectangle\)"),
         ({"receiver": {**PLANT["receiver"], "height": 60, "thermal_losses": {"file": "losses.csv"}}},
          "receiver.thermal_losses.file: is not supported by SAM: use 'per_area'"),
         ({"site": {**PLANT["site"], "horizon": {"table": [[0, 5], [90, 12]]}}}, "site.horizon: is not supported"),
         ({"economics": dict.fromkeys(("site_cost", "heliostat_cost", "land_cost", "tower_cost", "receiver_cost"), 1.0)
           | {"currency": "EUR"}}, r"economics.currency: must be USD, because SAM's other costs are in USD \(got EUR\)"),
         ({"time": {"clock": "weather", "months": [6]}}, r"weather.file: must have all hours of a year \(got 720 rows"),
-        ({"design_point": None}, "design_point: is needed for the power of the turbine"),
+        ({"design_point": None}, "design_point: is needed for the turbine power"),
         ({"receiver": PLANT["receiver"]}, "select: choose one value of receiver_height"),
     ],
 )  # fmt: skip

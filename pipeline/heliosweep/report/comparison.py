@@ -21,7 +21,7 @@ from heliosweep.report.context import axis_label, number_text
 
 #: Name of the comparison file in a result folder.
 FILE = "comparison.csv"
-#: Maximum size in bytes, and maximum number of rows, of a table of published numbers.
+#: Maximum size of a table of published numbers in bytes, and maximum number of its rows.
 MAX_BYTES, MAX_ROWS = 2 * 2**20, 10_000
 #: Tolerance for matching numeric labels, and relative rounding error allowed in a comparison with a tolerance.
 SAME, EDGE = 1e-9, 1e-12
@@ -54,7 +54,7 @@ _COLUMNS = {
 
 @dataclass(frozen=True)
 class Comparison:
-    """Published number and the computed value of one quantity.
+    """Published number, and the computed value of the same quantity.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Comparison:
     unit : str
         Unit, such as ``1``, ``percent``, ``deg``.
     decimals : int
-        Number of published decimals.
+        Number of decimals in the published number.
     claim, reason : str
         Figure, table or sentence of the publication, and reason for the tolerance.
     stated_computed, stated_verdict : str
@@ -207,8 +207,8 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
     Raises
     ------
     StudyError
-        If the file cannot be read or is not a table of published numbers. The message lists every problem with its
-        line.
+        If the file cannot be read or is not a table of published numbers. The message lists every problem with its line
+        number.
     """
     file = name or str(path)
     table = read_table(
@@ -242,7 +242,7 @@ def _comparison(
     stated: tuple[str, str] = _WORDS[2:],
     line: int = 0,
 ) -> Comparison:
-    """Return a published number from the cells of its row. `stated` lists the columns with stated values."""
+    """Return the entry for one row of the table. `stated` names the columns with the stated values."""
     where = {key: cell for key, cell in cells.items() if key not in {*_COLUMNS, *_STORED} and cell}
     decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
     words: Any = {key: cells.get(name, "") for key, name in zip(_WORDS, (*_WORDS[:2], *stated), strict=True)}
@@ -265,7 +265,7 @@ def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], fl
     Raises
     ------
     StudyError
-        If a quantity or coordinate does not exist or is missing. The message lists every problem with its line.
+        If a quantity or coordinate does not exist or is missing. The message lists every problem with its line number.
     """
     found, problems = [], []
     for one in table.values:
@@ -283,7 +283,7 @@ def _locate(result: xr.Dataset, one: Comparison) -> tuple[dict[str, int], float]
         raise ValueError(f"unknown quantity {one.quantity!r}{_hint(one.quantity, result.data_vars)}")
     array = result[one.quantity]
     if array.dtype.kind not in "fiub":
-        raise ValueError(f"{one.quantity} is no number; compare dates and words in Python")
+        raise ValueError(f"{one.quantity} is not numeric; compare dates and text in Python")
     masks = {str(dim): np.ones(size, dtype=bool) for dim, size in array.sizes.items()}
     for name, text in one.where.items():
         same = _labelled(result, array, name, text)

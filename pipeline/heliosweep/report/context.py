@@ -59,7 +59,7 @@ def is_flag(array: xr.DataArray | xr.Variable) -> bool:
 
 
 def is_quantity(array: xr.DataArray | xr.Variable) -> bool:
-    """Return True if the values of an array are numbers and not words, dates or flags."""
+    """Return True if the values of an array are numbers, not text, dates or flags."""
     return array.dtype.kind in "fiu" and not is_flag(array)
 
 
@@ -102,12 +102,12 @@ def axis_label(array: xr.DataArray) -> str:
 
 
 def latitude_text(value: float, ends: str = "NS") -> str:
-    """Return a text of a latitude with its hemisphere, or of a longitude if `ends` is ``EW``."""
+    """Format a latitude with its hemisphere, or a longitude if `ends` is ``EW``."""
     return f"{abs(value):g}{DEGREE}{'' if value == 0 else f' {ends[int(value < 0)]}'}"
 
 
 def value_texts(coordinate: xr.DataArray) -> list[str]:
-    """Return texts of the values of a coordinate with the unit."""
+    """Format the values of a coordinate with their unit."""
     values, name, kind = np.atleast_1d(coordinate.to_numpy()), coordinate.name, coordinate.dtype.kind
     if kind in "mM":
         dates = values.astype("datetime64[D]" if name == "date" else "datetime64[m]").astype(str)
@@ -261,11 +261,11 @@ class Context:
         return value if (speaks and not value[:1].isdigit()) or dim == "date" else f"{self.title(dim)} {value}"
 
     def values(self, point: Point) -> str:
-        """Return a text with the values of the dimensions at a point, for example as the name of a line."""
+        """Return the values of the dimensions at a point as text, for example for the name of a line."""
         return ", ".join(self.value(dim, index) for dim, index in point.items())
 
     def fulls(self, point: Point) -> str:
-        """Return a text with the names and values of the dimensions at a point, for example as the title of a panel."""
+        """Return the names and values of the dimensions at a point as text, for example for the title of a panel."""
         return ", ".join(self.full(dim, index) for dim, index in point.items())
 
     def note(self, fixed: Point, *shown: Sequence[Point]) -> str:
@@ -306,7 +306,7 @@ def areas(result: xr.Dataset) -> dict[str, list[np.ndarray]]:
 
 
 def aperture(result: xr.Dataset, point: Point) -> tuple[float, float] | None:
-    """Return width and height of the receiver's aperture at a point, or None if there is no aperture. [m]"""
+    """Return the width and height of the receiver's aperture at a point, or None if there is no aperture. [m]"""
     names = ("receiver_width", "receiver_height_extent")
     sides = [at(result[name], point) for name in names if name in result.coords]
     known = [float(side) for side in sides if not side.ndim and side.dtype.kind in "fiu" and 0 < side < np.inf]

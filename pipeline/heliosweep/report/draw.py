@@ -1,4 +1,4 @@
-"""Drawing of declared figures with matplotlib, such as curves, coloured maps, pictures and planes."""
+"""Draw declared figures (curves, maps, pictures, heat maps and planes) with matplotlib."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ from heliosweep.report.figures import (
 from heliosweep.report.tables import number_texts
 from heliosweep.store.folder import target_file
 
-#: Maximum numbers of lines in a panel, of panels in a figure, and of panels in a row.
+#: Maximum number of lines in a panel, of panels in a figure, and of panels in a row.
 MOST_LINES, MOST_PANELS, COLUMNS = 7, 6, 3
 #: Width of a figure with several panels, and width of a figure with one panel. [inch]
 WIDE, SINGLE = 7.2, 4.8
@@ -86,7 +86,7 @@ _AREAS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, repr=False)
 class NamedFigure:
-    """Drawn figure with its file name and caption, which a notebook shows as an image.
+    """Drawn figure with its file name and caption. Notebooks show the figure as an image.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class NamedFigure:
         Returns
         -------
         pathlib.Path
-            The file.
+            Path of the file.
 
         Raises
         ------
@@ -338,7 +338,7 @@ def _band(result: xr.Dataset, figure: Curves, name: str) -> Sequence[str]:
 
 
 def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], ordered: bool) -> dict[str, dict[str, Any]]:
-    """Return colour, dashes and marker of each line. The colours of ordered lines range from dark to light."""
+    """Return colours, dashes and markers of lines. The colours of ordered lines range from dark to light."""
     scale = colormaps[VALUES](np.linspace(0.0, 0.85, len(names)))
     colours, dashes = scale if ordered and len(names) > 2 else COLOURS, ("-",) if ordered else DASHES
     return {
@@ -442,7 +442,7 @@ def _panel(
     axes: Axes, context: Context, figure: Coloured, over: Sequence[str], array: xr.DataArray, place: Point,
     values: np.ndarray, look: Sequence[Any],
 ) -> None:  # fmt: skip
-    """Draw the mirrors of a field, or cells over two dimensions, of which the first is the vertical axis."""
+    """Draw the mirrors of a field, or cells over two dimensions, the first of which is vertical."""
     if isinstance(figure, Maps):
         field_map(axes, context.result.isel(place, missing_dims="ignore"), values, *look[:2])
         axes.set(xlabel="east (m)", ylabel="north (m)")
@@ -539,7 +539,7 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
     Parameters
     ----------
     axes : Axes
-        Axes of the map, whose scales become equal.
+        Axes of the map, which are set to equal scales.
     here : Dataset
         Result at one point, with coordinates ``x`` and ``y``. Mirrors of unknown size are drawn so that they do not
         overlap.
@@ -660,7 +660,7 @@ def _plane(
 
 
 def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, float] | None = None) -> None:
-    """Set equal limits of both axes about the origin, which include the aperture and all but a few distant points."""
+    """Set equal axis limits about the origin that include the aperture and all but a few distant points."""
     points = np.concatenate([np.zeros((1, 2)), *tracks])
     corner = np.array(size or (0.0, 0.0)) / 2
     far = np.hypot(*points.T)
@@ -735,7 +735,7 @@ def png(picture: Image.Image) -> bytes:
 
 
 def image(figure: Drawing, kind: str = "png") -> bytes:
-    """Return the bytes of an image file of a figure. Equal figures give equal bytes.
+    """Return a figure as the bytes of an image file. Equal figures give equal bytes.
 
     Parameters
     ----------

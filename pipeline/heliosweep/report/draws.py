@@ -1,4 +1,4 @@
-"""Figures and tables of random draws, with the distribution of the results and their sensitivity to each key."""
+"""Figures and tables of random draws: the distribution of the results, and their sensitivity to each key."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from heliosweep.report.tables import Table, columns_of, number_texts, numbers
 SAMPLE, PARAMETER = "sample", "parameter"
 #: Maximum number of dots in a figure, and maximum number of rows in a table.
 MOST_DOTS, MOST_ROWS = 4000, 60
-#: For each kind of sensitivity, title of the figure, names of the statistics, and a sentence for the table.
+#: For each kind of sensitivity: title of the figure, names of the statistics, and a sentence for the table.
 _KINDS: dict[str, tuple[str, dict[str, str], str]] = {
     "sobol": (
-        "Fraction of the variance of the {} due to each key, with 95 % intervals",
+        "Fraction of the variance of the {} due to each key, with 95 % confidence intervals",
         {"first_order_index": "first-order index", "total_index": "total index"},
-        "The errors are half widths of 95 % intervals; if they exceed 0.1, increase the sample size.",
+        "The errors are half the widths of 95 % confidence intervals; if they exceed 0.1, increase the sample size.",
     ),
     "morris": (
         "Elementary effects of each key on the {}",
         {"effect_mean_magnitude": "mean magnitude", "effect_standard_deviation": "standard deviation",
          "effect_mean": "mean effect"},
-        "Change of the result as the key goes from its 12.5 to its 87.5 % quantile.",
+        "Change of the result as the key goes from its 12.5 % to its 87.5 % quantile.",
     ),
     "local": (
         "Change of the {} if each key changes by one standard deviation",

@@ -1,4 +1,4 @@
-"""Declarations of figures, which specify form, variables and dimensions.
+"""Declarations of figures. Each declaration specifies the form, the variables and the dimensions of a figure.
 
 A family lists declarations in its module ``figures``. `heliosweep.report.draw` draws the figures as
 images, and `heliosweep.report.interactive` as interactive plots. Variables that a result does not have are skipped.
@@ -20,7 +20,7 @@ HELIOSTAT = "heliostat"
 PIXELS = ("z", "y")
 #: Minimum number of heliostats for a map of the field.
 FIELD = 7
-#: Dimensions with numbers that are only labels, so that lines do not join their values.
+#: Dimensions whose numbers are only labels. Lines do not join values along these dimensions.
 NAMES = (HELIOSTAT, "module", "camera", "sample", "spot", "parameter", "trace", "detector", "evaluation")
 #: Maximum number of figures of a result.
 MOST_FIGURES = 12
@@ -46,17 +46,17 @@ class Figure:
     lines, panels : sequence of str
         Dimensions of the lines and dimensions of the panels in order of preference.
     at : mapping of str to object
-        Values of dimensions that the figure does not show (default: the middle number or the first word). A number
-        selects the nearest value, and a sequence of words selects the first existing word.
+        Values of dimensions that the figure does not show (default: the middle number or the first text label). A
+        number selects the nearest value, and a sequence of strings selects the first label that exists.
     reduce : mapping of str to str
         Statistic over each dimension: "mean", "median", "rms", "min", "max", or "field" for minimum, 5 % quantile,
         median and maximum.
     notes : str
-        Further sentences of the caption.
+        Additional sentences for the caption.
     looks : mapping of str to mapping
         Matplotlib properties of each line, such as colour and dashes, by the name of the line.
     derive : callable, optional
-        Function that returns the given data set with further variables.
+        Function that returns the given data set with additional variables.
     interactive, image : bool
         If True, the page contains an interactive plot (`interactive`) or an image (`image`).
     """
@@ -78,7 +78,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Curves(Figure):
-    """Curves over numbers or dates, or points over words, with a panel for each variable.
+    """Curves over numbers or dates, or points over text labels, with a panel for each variable.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class Maps(Coloured):
     Parameters
     ----------
     less : str
-        Dimension of words. A second figure shows the differences between its first value and each other value.
+        Dimension with text labels. A second figure shows the differences between its first value and each other value.
     """
 
     less: str = ""
@@ -163,7 +163,7 @@ class Planes(Figure):
     worst : str
         Variable with a value for each heliostat. The first panels show the heliostats with the largest values.
     extra : callable
-        Function of the axes, the data set and the point, which adds elements to a panel with fixed limits.
+        Function that takes the axes, the data set and the point, and adds elements to a panel with fixed limits.
     """
 
     against: Mapping[str, str] = field(default_factory=dict)
@@ -180,8 +180,8 @@ class Special(Figure):
     Parameters
     ----------
     draw : callable
-        Function that takes the data set and returns a matplotlib figure or None. The function may also return further
-        sentences for the caption. `variables` lists all variables that the function needs.
+        Function that takes the data set and returns a matplotlib figure or None. The function may also return
+        additional sentences for the caption. `variables` lists all variables that the function needs.
     """
 
     draw: Callable[[xr.Dataset], Any] = lambda _: None
@@ -224,7 +224,7 @@ def _heat_map(result: xr.Dataset, names: Iterable[str]) -> Iterator[Grids]:
 
 
 def preferred(result: xr.Dataset, dims: Sequence[str], wanted: Sequence[str]) -> str | None:
-    """Return the first wanted dimension, otherwise the first dimension with words, otherwise the first dimension."""
+    """Return the first wanted dimension, otherwise the first one with text labels, otherwise the first dimension."""
     dims = [dim for dim in dims if dim != HELIOSTAT or dim in wanted or result.sizes[dim] < FIELD]
     words = [dim for dim in dims if not is_ordered(result, dim)]
     return next((dim for dim in (*wanted, "statistic", *words, *dims) if dim in dims), None)

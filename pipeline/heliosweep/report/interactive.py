@@ -61,7 +61,7 @@ from heliosweep.report.figures import (
     prepared,
 )
 
-#: Maximum number of plots on a page, and maximum numbers of values, variables and lines in a plot.
+#: Maximum number of plots on a page, and maximum number of values, of variables and of lines in a plot.
 MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 4, 300_000, 16, 12
 #: Grey that is legible on white and on black backgrounds.
 _GREY = "#80868c"
@@ -112,7 +112,7 @@ def explore(result: xr.Dataset, figures: Iterable[Figure]) -> tuple[str, list[di
 
 @cache
 def client() -> str:
-    """Return the scripts of Bokeh's client and its widgets."""
+    """Return the scripts of the Bokeh client and its widgets."""
     return "\n".join(Resources(mode="inline", components=["bokeh", "bokeh-widgets"], log_level="warn").js_raw)
 
 
@@ -182,7 +182,7 @@ def _quantities(
 
 
 def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return values, labels and range of a variable, and the retained positions along each dimension.
+    """Return the values, labels and range of a variable, and the retained positions along each dimension.
 
     If an array is large, every n-th value along its longest dimensions is retained.
     """

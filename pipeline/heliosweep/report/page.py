@@ -76,7 +76,7 @@ def write_report(
     from heliosweep.report.draw import draw
     from heliosweep.report.interactive import client, explore
 
-    (result if result.nbytes < LOADED else result.coords.to_dataset()).load()  # figures reuse the values
+    (result if result.nbytes < LOADED else result.coords.to_dataset()).load()  # the figures reuse the loaded values
     place = user_path(folder)
     manifest, damage = _manifest(place)
     remarks = list[str]()
@@ -170,7 +170,7 @@ def digest(script: str) -> str:
 
 
 def _harmless(script: str) -> str:
-    """Return a script that cannot close its HTML element prematurely."""
+    """Return a script that cannot close its HTML element early."""
     script = re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE)  # browsers would fetch the map
     return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
@@ -229,7 +229,7 @@ def embedded(named: Any, picture: Any = None) -> dict[str, Any]:
 
 
 def for_others(page: str, study: str) -> str:
-    """Return a page without machine, command and paths of the author, and with the text `study` as the study file."""
+    """Return a page without the author's machine, command and paths, and with `study` as the text of the study file."""
     machine = r'<section id="provenance">.*?</section>\n?|<a class="ours"[^>]*>[^<]*</a>\n?'
     page = re.sub(machine, "", page, flags=re.DOTALL).replace('href="study.resolved.yaml"', 'href="study.yaml"')
     file = r'(?<=<pre id="study-file"><code>).*?(?=</code>)'

@@ -28,7 +28,7 @@ from heliosweep.store.folder import OUTPUTS, page_head, read_manifest, status_of
 
 #: Dimension along which the results are joined.
 RESULT = "result"
-#: Maximum numbers of variables and of points in the table of results, and maximum size of a variable.
+#: Maximum number of variables and of points in the table of results, and maximum size of a variable.
 MOST_VARIABLES, MOST_POINTS, MOST_NUMBERS = 12, 80, 2_000_000
 #: Relative difference that counts as rounding, and number of decimals in which labels must agree.
 ROUNDING, LABEL_DECIMALS = 1e-12, 9
@@ -172,7 +172,7 @@ def _inputs(results: Mapping[str, xr.Dataset]) -> Table:
     studies = {name: pd.json_normalize([json.loads(one.attrs.get("study", "{}"))]) for name, one in results.items()}
     texts = pd.concat(studies).T.sort_index().astype(object).fillna(NOTHING).map(str)
     differ = texts[texts.nunique(axis=1) > 1]
-    columns = [Column("key of the study", [*map(str, differ.index)] or ["no difference"])]
+    columns = [Column("study key", [*map(str, differ.index)] or ["no difference"])]
     columns += [Column(name, list(differ[name, 0]) or [""]) for name in results]
     return Table("Inputs", columns, [f"{len(texts) - len(differ)} further inputs are equal."])
 

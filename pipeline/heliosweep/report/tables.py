@@ -53,7 +53,7 @@ class Column:
     title : str
         Heading.
     values : sequence of float or str
-        Unformatted numbers, or words, in the cells.
+        Unformatted numbers, or text, in the cells.
     unit : str
         Unit, printed below the heading.
     digits : int
@@ -73,7 +73,7 @@ class Column:
 
     @property
     def is_words(self) -> bool:
-        """True if the cells are words."""
+        """True if the cells contain text."""
         return any(isinstance(value, str) for value in self.values)
 
     def texts(self) -> list[str]:

@@ -286,7 +286,7 @@ def timed_plan(study: Study, folder: Path) -> Plan:
 
 
 def plan_text(study: Study, plan: Plan, folder: Path) -> str:
-    """Return the plan of a study with the result folder `folder` as a string with one quantity per line."""
+    """Return the plan of a study and the result folder `folder` as text, with one quantity per line."""
     words, status = plan.in_words(), status_of(folder)
     done = {"complete": "; all are complete", "not run": ""}.get(status.state, f"; {status.detail}")
     rows = {"study": f"{study.title or study.family} ({study.family}, {study.study_id})", **words}

@@ -22,7 +22,7 @@ from heliosweep.lazy import scipy
 
 #: Finite replacement for infinity.
 HUGE = 1e100
-#: Number of generations without a new best point or a new point on the front, after which an optimiser ends.
+#: Number of generations without a new best point, or without a new point on the front, after which an optimiser stops.
 PATIENCE = 10
 
 
@@ -114,7 +114,7 @@ class Course:
         return [self._known[name] for name in names]
 
     def order(self, number: int) -> tuple[float, float]:
-        """Return violation and objective of an evaluation as the sort key for a single objective."""
+        """Return the violation and the objective of an evaluation as the sort key for a single objective."""
         return self.missed[number], float(self.goals[number][0])
 
     def best(self, since: int = 0) -> int:

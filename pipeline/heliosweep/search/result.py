@@ -17,7 +17,7 @@ from heliosweep.report.figures import COLOURS, Curves, Figure
 from heliosweep.report.tables import SOURCE, Table, numbers
 from heliosweep.search.optimise import front
 
-#: Maximum difference of a value that counts as equal to the best value [percentage points, or % of the value].
+#: Maximum difference from the best value at which a value counts as equal [percentage points, or % of the value].
 #: Number of best evaluations on the page.
 FLAT, LISTED = 0.1, 10
 

@@ -1,4 +1,4 @@
-"""Archives of result folders for publication, whose bytes depend only on their content."""
+"""Archives of result folders for publication. The bytes of an archive depend only on its content."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def pack_result(
 
 
 def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
-    """Add a text or a file to an archive, and return the SHA-256 of the content. Files are copied in pieces."""
+    """Add text or a file to an archive, and return the SHA-256 of the content. Files are copied in pieces."""
     text = content.encode() if isinstance(content, str) else b""
     info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the earliest date in ZIP archives
     info.create_system, info.external_attr = 3, 0o100644 << 16  # attributes that are equal on all systems
@@ -125,7 +125,7 @@ def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
 
 
 def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
-    """Check a result folder, and return the values for text templates. Raises HeliosweepError or StudyError."""
+    """Check a result folder, and return the values for the templates. Raises HeliosweepError or StudyError."""
     found = verify(place)
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")
@@ -134,7 +134,7 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
     places, manifest = placed(study), json.loads((place / MANIFEST).read_text(encoding="utf-8"))
     if study.study_id != manifest["study_id"]:
         raise HeliosweepError(f"{place}: an input of the study was changed after the run")
-    # these entries do not identify the user and the machine
+    # these entries do not identify the user or the machine
     shared = ("commit", "lock", "packages", "python")
     environment = {key: value for key, value in manifest.get("environment", {}).items() if key in shared}
     if str(environment.get("commit", "")).endswith("-dirty"):

@@ -1,4 +1,4 @@
-"""Electricity of a tower plant, computed from an efficiency table by SAM's model of a molten-salt power tower."""
+"""Electricity from a tower plant, computed from an efficiency table with SAM's molten-salt power tower model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from heliosweep.share.sam import efficiency_table, flux_maps, table_rows
 
 #: Python module of SAM, package that contains the module, and extra that installs the package.
 EXTRA = ("PySAM.TcsmoltenSalt", "nrel-pysam", "sam")
-#: Output of SAM, unit and long name for each time series of a year.
+#: SAM output, unit and long name of each annual time series.
 _SERIES = {
     "electric_power": ("P_out_net", "MW", "net electric power"),
     "absorbed_power": ("q_dot_rec_inc", "MW", "power that the receiver absorbs"),
@@ -29,7 +29,7 @@ _SERIES = {
     "stored_heat": ("e_ch_tes", "MWh", "heat in the storage"),
     "dni": ("beam", "W/m2", "direct normal irradiance"),
 }
-#: SAM inputs and conversion factors for keys of a study. An acre is 4046.8564 m2, and 80 % of the costs are taxed.
+#: SAM inputs and conversion factors for study keys. An acre is 4046.8564 m2, and 80 % of the costs are taxed.
 _KEYS = {
     "receiver.height": ("h_tower", 1.0), "receiver.height_extent": ("rec_height", 1.0),
     "receiver.radius": ("D_rec", 2.0), "receiver.absorptance": ("rec_absorptance", 1.0),
@@ -45,7 +45,7 @@ _KEYS = {
     "economics.sales_tax": ("sales_tax_rate", 125.0), "economics.fixed_charge_rate": ("fixed_charge_rate", 1.0),
     "economics.operation_cost": ("operation", 1.0),
 }  # fmt: skip
-#: Variables for the efficiency tables and flux maps of SAM, and the study keys that the variables need.
+#: Variables that SAM's efficiency tables and flux maps need, and the study keys that these variables require.
 FIELD = ["field_total_efficiency", "flux_map", "field_mirror_area"]
 OUTPUT = {"output.flux_map": {"columns": 20, "rows": 1}, "output.field_geometry": True}
 
@@ -55,7 +55,7 @@ def tower_electricity(
     positions: ArrayLike, mirror_area: float, *, inputs: Mapping[str, Any] | None = None,
     heat: float | None = None, fixed_charge_rate: float = 0.07, operation: float = 0.0,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the annual electricity of a tower plant with SAM's molten-salt power tower.
+    """Compute the annual electricity from a tower plant with SAM's molten-salt power tower.
 
     Parameters
     ----------
@@ -63,15 +63,16 @@ def tower_electricity(
         Efficiency over ``sun_elevation`` and ``sun_azimuth``, without thermal losses. Use `efficiency_table` with the
         absorptance of the receiver as `factor`. [1]
     flux : xarray.DataArray
-        Fraction of the light on each column of the receiver, from `flux_maps`. [1]
+        Fraction of the receiver's light that falls on each column, from `flux_maps`. [1]
     weather : path or mapping
-        Weather of a year as a file that SAM can read (TMY3, EPW or SAM CSV), or as SAM's ``solar_resource_data``.
+        Weather data for one year as a file that SAM can read (TMY3, EPW or SAM CSV), or as SAM's
+        ``solar_resource_data``.
     positions : array of shape (heliostats, 2)
         Coordinates of the heliostats east and north of the tower. [m]
     mirror_area : float
         Total area of all mirrors. [m2]
     inputs : mapping of str to value, optional
-        Inputs of ``PySAM.TcsmoltenSalt`` that differ from the default ``MSPTSingleOwner``, such as ``{"tshours": 6}``.
+        Inputs of ``PySAM.TcsmoltenSalt`` that differ from the ``MSPTSingleOwner`` defaults, such as ``{"tshours": 6}``.
     heat : float, optional
         Thermal power of the receiver at the design point. The turbine power is
         ``P_ref = heat * design_eff / solarm`` (default: 115 MW). [MW]
@@ -99,7 +100,7 @@ def tower_electricity(
 
     Examples
     --------
-    Compute a year for a small field, with the receiver and turbine of SAM's default plant:
+    Compute one year for a small field, with the receiver and turbine of SAM's default plant:
 
     >>> import heliosweep
     >>> sun = {"azimuth": {"start": 0, "stop": 360, "step": 45}, "elevation": [15, 45, 75]}
@@ -141,8 +142,8 @@ def tower_electricity(
         )
     end = np.array(out.time_hr)
     made = {
-        "electricity": ((), energy, {"units": "MWh", "long_name": "electricity of a year"}),
-        "turbine_power": ((), model.value("P_ref"), {"units": "MW", "long_name": "gross power of the turbine"}),
+        "electricity": ((), energy, {"units": "MWh", "long_name": "annual electricity"}),
+        "turbine_power": ((), model.value("P_ref"), {"units": "MW", "long_name": "gross turbine power"}),
         "capacity_factor": ((), out.capacity_factor / 100, {"units": "1", "long_name": "capacity factor"}),
         "installed_cost": ((), out.total_installed_cost, {"units": "1", "long_name": "installed cost in USD"}),
         "levelized_cost_of_electricity": (
@@ -162,7 +163,7 @@ def _check(study: Study, values: Mapping[str, Any]) -> None:
     horizon, losses = any(key.startswith("site.horizon.") for key in values), "receiver.thermal_losses.file"
     wrong = (
         ("search", study.search is not None, "has many plants: run the best plant without 'search'"),
-        ("receiver.kind", kind != "cylinder", f"must be cylinder, the external receiver of SAM (got {kind})"),
+        ("receiver.kind", kind != "cylinder", f"must be cylinder, SAM's external receiver (got {kind})"),
         ("site", "site.latitude" not in values, "is missing: SAM needs one site"),
         ("site.horizon", horizon, "is not supported by SAM: remove it"),
         (
@@ -181,9 +182,9 @@ def electricity_of(
     study: Study, result: xr.Dataset, select: Mapping[str, Any], inputs: Mapping[str, Any],
     field: Callable[[], xr.Dataset],
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the electricity of the plant of a result.
+    """Compute the electricity from the plant that a result describes.
 
-    The function `field` computes the result of the plant's field over sun directions.
+    The function `field` computes the result for the plant's field over sun directions.
 
     Raises
     ------
@@ -198,9 +199,7 @@ def electricity_of(
     names = [name for name in ("field_receiver_energy", "field_heat", "design_point_heat", "loss") if name in result]
     here = chosen(result[names], select, ("stage",)).compute()
     if "P_ref" not in inputs and "design_point_heat" not in here:
-        message = (
-            "is needed for the power of the turbine: add it with 'receiver.absorptance', or give P_ref in MW with --sam"
-        )
+        message = "is needed for the turbine power: add it with 'receiver.absorptance', or give P_ref in MW with --sam"
         raise StudyError(study.problem("design_point", message))
     labels = {key: name for key, name in study.dimension_names().items() if key in study.sweeps()}
     values |= {key: here[name].item() for key, name in labels.items() if name in here.coords}
@@ -224,7 +223,7 @@ def electricity_of(
 
 
 def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], pd.DatetimeIndex]:
-    """Return the weather of a study as SAM's ``solar_resource_data``, and the local times of its rows.
+    """Return the weather in a study as SAM's ``solar_resource_data``, and the local times of its rows.
 
     The rows begin on 1 January and omit 29 February. Missing temperatures are replaced by 20 C, and missing wind speeds
     by 0 m/s. Raises StudyError if the weather does not cover a year.

@@ -1,4 +1,4 @@
-"""Functions that read and write layout files, and select a point of a result by labels."""
+"""Functions that read and write layout files, and select a point in a result by its labels."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ def chosen(data: T, select: Mapping[str, Any] | None, keep: Sequence[str] = (), 
     data : DataArray or Dataset
         Result, or a variable of a result.
     select : mapping of str to value, optional
-        Labels by the name of the dimension or the dotted key of the study.
+        Labels, keyed by dimension name or by dotted study key.
     keep : sequence of str
         Dimensions for which no label is needed.
     left : int
         Maximum number of other dimensions without a label.
     hint : str
-        Text for the message about a missing label, with ``{}`` for the name of the dimension.
+        Text to add to the message about a missing label, with ``{}`` for the name of the dimension.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def chosen(data: T, select: Mapping[str, Any] | None, keep: Sequence[str] = (), 
 
 
 def dimension_of(data: xr.DataArray | xr.Dataset, key: str) -> str:
-    """Return the dimension of a dotted key of the study, such as ``receiver_height`` for ``receiver.height``."""
+    """Return the dimension for a dotted study key, such as ``receiver_height`` for ``receiver.height``."""
     parts = str(key).split(".")
     names = ["_".join(parts[start:]) for start in range(len(parts))]
     return next((name for name in names if name in data.dims), str(key))
@@ -115,14 +115,14 @@ def label(data: xr.DataArray | xr.Dataset, name: str, value: Any) -> Any:
     raise StudyError(Problem(message, f"select.{name}"))
 
 
-#: Variables with residuals in a table of corrections.
+#: Residual variables in a corrections table.
 _RESIDUALS = (
     *("uncalibrated_beam_residual_rms", "beam_residual_rms"),
     *("uncalibrated_held_out_residual_rms", "held_out_residual_rms"),
 )
-#: Comment lines at the beginning of a table of corrections.
+#: Comment lines at the beginning of a corrections table.
 _CORRECTIONS = (
-    "Errors of mounts. Subtract azimuth_reference and elevation_reference from commanded angles or steps, or add them",
+    "Mount errors. Subtract azimuth_reference and elevation_reference from commanded angles or steps, or add them",
     "to the readings of the encoders. The other errors have different effects at each angle: a controller needs a "
     "model with",
     "them, or the commands corrected_azimuth and corrected_elevation of the result. Steps are for the mean positions",
@@ -131,7 +131,7 @@ _CORRECTIONS = (
 
 
 def read_layout(path: str | os.PathLike[str]) -> Layout:
-    """Read a layout from a CSV file or from SolarPILOT.
+    """Read a layout from a CSV file or a SolarPILOT file.
 
     Parameters
     ----------
@@ -141,12 +141,12 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Returns
     -------
     Layout
-        Positions of the heliostats [m] and further columns of the file.
+        Positions of the heliostats [m] and all other columns of the file.
 
     Raises
     ------
     StudyError
-        If the file is invalid. The message lists all problems with their lines.
+        If the file is invalid. The message lists all problems with their line numbers.
 
     Examples
     --------
@@ -174,7 +174,7 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the file.
 
     Raises
     ------
@@ -192,10 +192,10 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
 def write_corrections(
     result: xr.Dataset, path: str | os.PathLike[str], select: Mapping[str, Any] | None = None, *, force: bool = False
 ) -> Path:
-    """Write the estimated errors of a calibration as a table of corrections with one row for each heliostat.
+    """Write the errors estimated in a calibration as a corrections table with one row for each heliostat.
 
     Angles are in degrees. If the layout has the columns ``azimuth_steps`` and ``elevation_steps``, the angles are also
-    in steps of the actuators. The first lines of the file explain the signs.
+    given in actuator steps. The first lines of the file explain the signs.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def write_corrections(
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the file.
 
     Raises
     ------
@@ -250,7 +250,7 @@ def write_corrections(
 
 
 def write_paint_study(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Write a study for the calibration of heliostats from PAINT, with files of the layout and the spots.
+    """Write a study that calibrates heliostats from PAINT data, with a layout file and a spots file.
 
     Parameters
     ----------
@@ -265,7 +265,7 @@ def write_paint_study(spots: PaintSpots, path: str | os.PathLike[str], *, force:
     Returns
     -------
     pathlib.Path
-        The study file.
+        Path of the study file.
 
     Raises
     ------
@@ -334,7 +334,7 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
 def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the changes that remove unused heliostats from a study with `keep` or chosen aim points.
 
-    Raises StudyError if the result has several fields, and `select` does not select one field.
+    Raises StudyError if the result has several fields and `select` does not select one of them.
     """
     along, select = result["kept" if "kept" in result else "x"], select or {}
     layout = layout_of(result, {key: select[key] for key in select if dimension_of(along, key) in along.dims})
@@ -380,21 +380,20 @@ def write_layout(
     Parameters
     ----------
     layout : Layout or pandas.DataFrame
-        Heliostats to write. A DataFrame must have the columns ``x`` and ``y`` [m]. Further columns of a layout, such
-        as ``z``, are optional.
+        Heliostats to write. A DataFrame must have the columns ``x`` and ``y`` [m]. Other columns of a layout, such as
+        ``z``, are optional.
     path : path
         File to write, which appears under its name only when it is complete.
     form : {"csv", "solarpilot"}
         Format of the file. The format ``csv`` is a table with a header and all columns. The format ``solarpilot`` is a
-        user-defined layout of SolarPILOT, which contains only positions, templates, focal lengths, canting and aim
-        points.
+        user-defined SolarPILOT layout, which contains only positions, templates, focal lengths, canting and aim points.
     force : bool
         If True, replace an existing file.
 
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the file.
 
     Raises
     ------

@@ -25,12 +25,12 @@ def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *
     Parameters
     ----------
     result : xarray.Dataset
-        Result of `open_result` or `build`, or a part of such a result.
+        Result from `open_result` or `build`, or a part of such a result.
     variables : str or sequence of str, optional
         Variables with equal dimensions (default: all variables, which must then have equal dimensions).
     units : bool
-        If True, titles of columns include units, such as ``x [m]``. The attribute ``attrs["units"]`` of the table
-        always contains the units.
+        If True, column titles include units, such as ``x [m]``. The attribute ``attrs["units"]`` of the table always
+        contains the units.
 
     Returns
     -------
@@ -63,12 +63,12 @@ def write_csv(
     *,
     force: bool = False,
 ) -> Path:
-    """Write variables of a result to a CSV file, with limited use of memory.
+    """Write variables of a result to a CSV file, with limited memory use.
 
     Parameters
     ----------
     result : xarray.Dataset
-        Result of `open_result` or `build`, or a part of it.
+        Result from `open_result` or `build`, or a part of it.
     path : path
         File to write, which appears under its name only when it is complete. The header includes units, such as ``x
         [m]``. Numbers are written with all digits.
@@ -80,7 +80,7 @@ def write_csv(
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the file.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dat
 
 
 def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[str]:
-    """Return the names of the given variables, or of all variables. Raises StudyError."""
+    """Return the names of the given variables, or of all variables. Raises StudyError for unknown names."""
     if not (variables is None or isinstance(variables, str | Iterable)):
         raise StudyError(
             Problem(f"must be the name of a variable, or a list of names (got {variables!r})", "variables")
@@ -171,7 +171,7 @@ def _named(chosen: xr.Dataset) -> dict[str, str]:
     return {name: f"{name} [{unit}]" if unit != "1" else name for name, unit in units.items()}
 
 
-#: Maximum number of rows in an Excel sheet without its header.
+#: Maximum number of rows in an Excel sheet, not counting the header.
 MOST_ROWS = 2**20 - 1
 
 
@@ -191,20 +191,20 @@ def write_xlsx(
     Parameters
     ----------
     result : xarray.Dataset
-        Result of `open_result` or `build`, or a part of it.
+        Result from `open_result` or `build`, or a part of it.
     path : path
         File ``.xlsx`` to write, which appears under its name only when it is complete.
     variables : str or sequence of str, optional
         Names of variables (default: all variables that fit in a sheet of 1,048,576 rows).
     tables : mapping of str to pandas.DataFrame, optional
-        Tables for further sheets before the sheets of the variables.
+        Tables for additional sheets, which precede the sheets of the variables.
     force : bool
         If True, replace an existing file.
 
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the file.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def write_xlsx(
         if rows <= MOST_ROWS:
             sheets[sheet] = to_frame(result, names, units=True)
         else:
-            message = f"has {rows:,} rows, but a sheet of Excel {MOST_ROWS:,}: write it as .csv"
+            message = f"has {rows:,} rows, but an Excel sheet holds {MOST_ROWS:,}: write it as .csv"
             if variables is not None:
                 raise StudyError(Problem(message, names[0]))
             log.warning("omitted: %s %s", ", ".join(names), message)

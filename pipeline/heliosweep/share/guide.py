@@ -155,7 +155,7 @@ def _variables(family: str) -> dict[str, Mapping[str, Any]]:
 
 
 def _plain(key: Key) -> str:
-    """Return the name of a key without the optional mark ``[]`` of lists."""
+    """Return the name of a key without the optional suffix ``[]`` of lists."""
     return key.name.replace("[]", "")
 
 

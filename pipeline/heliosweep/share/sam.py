@@ -1,4 +1,4 @@
-"""Optical efficiency of a field over azimuth and elevation of the sun, for SAM and SolarPILOT.
+"""Optical efficiency of a field over the azimuth and elevation of the sun, for SAM and SolarPILOT.
 
 The conventions follow the source code of NREL's ssc and SolarPILOT:
 
@@ -6,8 +6,8 @@ The conventions follow the source code of NREL's ssc and SolarPILOT:
   efficiency. SAM interpolates at the azimuth of its weather reader, clockwise from north, 0 to 360 deg
   (`C_pt_sf_perf_interp::call`), without periodicity. If one of the azimuths 0 and 360 deg exists, rows for both
   azimuths are therefore written. Rows with the sun below the horizon are omitted, because SAM stops the field at night.
-  Each row has a flux map (``flux_maps``) with the fraction of the light on each column of the receiver. The columns of
-  a cylinder run from south over east, north and west. SAM sums the flux over the height.
+  Each row has a flux map (``flux_maps``) with the fraction of the receiver's light on each column. The columns of a
+  cylinder run from south via east and north to west. SAM sums the flux over the height.
 - SAM's generic solar field reads a matrix. The first column contains ascending zenith angles, the first row contains
   ascending azimuths, and the first cell is empty. Azimuth 0 is south, east is negative, and west is positive
   (`C_csp_gen_collector_receiver`).
@@ -39,12 +39,13 @@ from heliosweep.files import write_rows
 from heliosweep.share.fields import chosen, dimension_of
 from heliosweep.store.folder import target_file
 
-#: The form ``tower`` is rows for SAM's molten-salt power tower, and ``generic`` a matrix for SAM's generic solar field.
+#: The form ``tower`` is rows for SAM's molten-salt power tower, and ``generic`` is a matrix for SAM's generic solar
+#: field.
 #: The form ``solarpilot`` is a matrix in the format of SolarPILOT's Python interface.
 TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
 
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
-#: Keys and dimensions of a study that given directions of the sun replace.
+#: Study keys and dimensions that given sun directions replace.
 _GONE = ("site.", "sites", "time.", "weather.", "limits.", "availability.", "economics.", "budget.")
 _SAME = 1e-9  # maximum difference between equal angles [deg]
 #: Variables for an efficiency table in order of preference, and the factors that they include.
@@ -55,15 +56,15 @@ _FACTORS = {
 
 
 def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> Study:
-    """Return the study of the same field for given directions of the sun.
+    """Return a study of the same field for given sun directions.
 
     Parameters
     ----------
     study : Study
         Field study with any clock.
     azimuth, elevation : number, sequence or mapping, optional
-        Azimuth (clockwise from north) and elevation of the sun in the form of a study file (default: steps of 15 deg in
-        azimuth and 5 deg in elevation). [deg]
+        Azimuth (clockwise from north) and elevation of the sun, as in a study file (default: steps of 15 deg in azimuth
+        and 5 deg in elevation). [deg]
 
     Returns
     -------
@@ -109,7 +110,7 @@ def efficiency_table(
     variable: str | None = None,
     factor: float = 1.0,
 ) -> xr.DataArray:
-    """Return the efficiency of a field over directions of the sun.
+    """Return the efficiency of a field over sun directions.
 
     Parameters
     ----------
@@ -142,7 +143,7 @@ def efficiency_table(
 
 
 def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr.DataArray:
-    """Return the fraction of the light on each column of the receiver for each sun direction.
+    """Return the fraction of the receiver's light that falls on each column, for each sun direction.
 
     Parameters
     ----------
@@ -155,7 +156,7 @@ def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr
     -------
     xarray.DataArray
         Fractions over ``sun_elevation``, ``sun_azimuth`` and the columns. The sum over the columns is 1. Columns of a
-        cylinder run from south over east, north and west. Columns of a rectangle run from left to right as seen from
+        cylinder run from south via east and north to west. Columns of a rectangle run from left to right as seen from
         the mirrors. Fractions are NaN if the sun is below the horizon. [1]
 
     Raises
@@ -223,12 +224,12 @@ def write_table(
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the file.
 
     Raises
     ------
     StudyError
-        If the file exists, or if two azimuths are equal directions in the format.
+        If the file exists, or if two azimuths are the same direction in the format.
     HeliosweepError
         If the file cannot be written.
 

@@ -37,7 +37,7 @@ def download_weather(
     latitude, longitude : float
         Coordinates of the location, positive north and east. [deg]
     target : path
-        File ``.csv`` to write.
+        CSV file to write.
     year : int, optional
         Calendar year (default: a typical year).
     url : str, optional
@@ -48,7 +48,7 @@ def download_weather(
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the file.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def download_weather(
         text = str(error)
         for secret in filter(None, personal.values()):
             text = text.replace(secret, "...")
-        raise HeliosweepError(f"{service}: no weather of {latitude:g}, {longitude:g} deg: {text}") from None
+        raise HeliosweepError(f"{service}: no weather data for {latitude:g}, {longitude:g} deg: {text}") from None
     data = data.rename(columns={"poa_direct": "dni"})  # column of PVGIS for a tracked plane
     if "dni" not in data or data["dni"].isna().any():
         raise HeliosweepError(f"{service}: the response has no direct normal irradiance, or values are missing")

@@ -113,7 +113,7 @@ DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
 def locked(folder: Path) -> Iterator[None]:
     """Lock a result folder when no other run uses the folder. The system releases the locks of killed processes.
 
-    Raises HeliosweepError if the process is a worker process that is just starting.
+    Raises HeliosweepError if the process is a worker process that is still starting.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise HeliosweepError('a script that runs a study must do this below `if __name__ == "__main__":`')
@@ -195,7 +195,7 @@ def made(folder: Path) -> Iterator[None]:
 def check_contents(folder: Path, study: Study, force: bool) -> None:
     """Raise StudyError if a run would replace inputs of the study, or files that do not belong to a result.
 
-    If `force` is True, the run may replace any file that has the name of a file of a result.
+    If `force` is True, the run may replace any file whose name is the name of a result file.
     """
     inputs = {study.resolve(name).resolve() for names in study.files().values() for name in names}
     if study.source.path:
@@ -214,7 +214,7 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
 
 
 def page_head(page: Path) -> tuple[str, str]:
-    """Return title and headline of a page, or empty strings if there is no page. Loads no libraries of the report."""
+    """Return the title and headline of a page, or empty strings without a page. No report library is imported."""
     head = ""
     with suppress(OSError), page.open(encoding="utf-8", errors="replace") as file:
         head = file.read(8192)

@@ -1,4 +1,4 @@
-"""Metadata of a result, with its global attributes, its identity, and the manifest in the result folder."""
+"""Metadata of a result: global attributes, identity, and the manifest in the result folder."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[st
 
 
 def finished(folder: Path) -> tuple[Path | None, dict[str, Any]]:
-    """Return path (or None) and identity of the finished result in a folder, without checking the result file."""
+    """Return the path (or None) and the identity of the finished result in a folder. The result file is not checked."""
     with suppress(HeliosweepError):
         manifest = read_manifest(folder)
         path = folder / manifest["result"]["file"]
@@ -183,7 +183,7 @@ def _words(value: Any) -> str:
 
 
 def summary(about: str, study: Study) -> str:
-    """Return subject and period of a study on one line, without the period if the study has no clock."""
+    """Return the subject and the period of a study on one line. The period is omitted if the study has no clock."""
     said, time = " ".join(about.split()), getattr(study, "time", None)
     if isinstance(time, SolarTime | CivilTime):
         period = dates(time)

@@ -44,7 +44,7 @@ class Template:
     attributes : mapping of str to object
         Global attributes.
     cuts : mapping of str to Cut
-        Division of each kind of variables into blocks, which are also the storage chunks of compressed variables.
+        Division of each kind of variable into blocks, which are also the storage chunks of compressed variables.
     """
 
     sizes: Mapping[str, int]
@@ -127,7 +127,7 @@ def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
             storage = {"chunksizes": chunks, "compression": "zlib", "complevel": level}
         fill = np.nan if dtype.kind == "f" else False
         target = file.createVariable(name, dtype, variable.dims, fill_value=fill, **storage)
-        # each chunk is written once, so that a chunk cache is a waste of 64 MB per variable
+        # each chunk is written once, so a chunk cache would waste 64 MB per variable
         if level and variable.kind == "series":
             target.set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
         labels = [
@@ -146,7 +146,7 @@ def _write_coordinates(file: netCDF4.Dataset, coordinates: xr.Dataset) -> None:
         values, attrs = coordinate.values, dict(coordinate.attrs)
         dims = tuple(map(str, coordinate.dims))
         if values.dtype.kind in "UOT":
-            # HDF5 crashes if a file with strings is open twice and one of the two is closed (netcdf-c, issue 2510).
+            # HDF5 crashes if a file with strings is opened twice and then closed once (netcdf-c, issue 2510).
             encoded = np.strings.encode(values.astype(str), "utf-8")
             values = np.ascontiguousarray(encoded).view("S1").reshape(*encoded.shape, encoded.itemsize)
             dims, attrs = (*dims, f"string{values.shape[-1]}"), {**attrs, "_Encoding": "utf-8"}
