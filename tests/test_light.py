@@ -95,8 +95,8 @@ def test_labels_of_data_arrays_and_series():
         ({"sun_shape": "square"}, "`sun_shape` must be pillbox"),
         ({"tower": (4.0, 60.0)}, "`tower` covers the receiver: its top must be at most 47.5 m"),
         ({"precision": 1e-7}, "`precision` must be at least 1e-6"),
-        ({"rays": 2**23}, "the number of rays must be from 1 to 4194304"),
-        ({"rays": 0}, r"the number of rays must be from 1 to 4194304, a whole number \(got 0\)"),
+        ({"rays": 2**23}, "the number of rays must be a whole number from 1 to 4194304"),
+        ({"rays": 0}, r"the number of rays must be a whole number from 1 to 4194304 \(got 0\)"),
         (
             {"rays": 2**19, "layout": [(10.0 * k, 60.0, 4.0) for k in range(4000)], "sun_azimuth": np.zeros(1000)},
             "2.1e\\+12 rays would take 29 h on one core: reduce `rays` or increase `precision`",

@@ -1,8 +1,8 @@
 """Choose aim points under flux limits: the smoothed dual function, and choices for one heliostat at a time.
 
-The images form a CSR matrix, stored as a tuple of the first entry of each row, the cells and the flux. Row a * N + i is
-the image of heliostat i with aim a. A choice contains the index of the aim chosen for each heliostat, or -1 if the
-heliostat is stowed.
+The flux images form a CSR matrix, stored as a tuple of three arrays: the first entry of each row, the cells, and the
+flux. Row a * N + i is the image of heliostat i for aim a. A choice contains the index of the aim chosen for each
+heliostat, or -1 if the heliostat is stowed.
 """
 
 import math
@@ -11,7 +11,7 @@ import numpy as np
 
 from heliosweep.kernels.compiled import inline, kernel
 
-#: Share of an aim at or below which the image of the aim is omitted.
+#: Share at or below which the image of an aim is omitted.
 _SHARE = 1e-9
 #: Tolerated excess of the flux in a cell over the limit, relative to the limit.
 EXCESS = 1e-12
@@ -78,9 +78,9 @@ def brightest(images, limit):
 def choose(order, power, images, limit, penalty, share, load, choice):
     """Choose for each heliostat in turn the aim of maximum power minus `penalty` times the added overload.
 
-    An overload is the flux in a cell above its limit, divided by the limit. Initially, `load` contains the flux for the
-    shares of the aims. At the end, `load` contains the flux of the chosen aims. Each chosen aim then has the share 1.
-    Returns True if the choice of a heliostat changes.
+    An overload is the flux in a cell above its limit, divided by the limit. On entry, `load` contains the flux for the
+    shares in `share`. On return, `load` contains the flux of the chosen aims, and each chosen aim has a share of 1.
+    Returns True if the aim of any heliostat has changed.
     """
     first, cells, flux = images
     aims, count = power.shape

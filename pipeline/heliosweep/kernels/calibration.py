@@ -1,6 +1,6 @@
-"""Estimate errors of many mounts at once from spots or detector crossings by robust least squares.
+"""Estimate the errors of many mounts at once from spots or detector crossings by robust least squares.
 
-Each mount has a list of observations at commanded encoder angles. A spot has two coordinates (y, z) on the receiver's
+Each mount has a list of observations at commanded encoder angles. A spot has two coordinates (y, z) on the receiver
 plane. A crossing of a trace with an array of detectors has one coordinate, its position along the array. The fit
 estimates the first 2, 4 or 6 errors of `mounts.ERRORS` by minimising
 
@@ -48,7 +48,7 @@ from heliosweep.kernels.mounts import ERRORS, Mounts, mirror_at, mount_of, six, 
 from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 
 #: Statuses of estimates. `ESTIMATED`: The errors are estimated.
-#: `TOO_FEW`: The number of observations is too small to estimate the errors.
+#: `TOO_FEW`: There are too few observations to estimate the errors.
 #: `INDISTINCT`: The errors are estimated, but the observations hardly distinguish the errors.
 #: The condition number of an `INDISTINCT` estimate is above the limit.
 #: `NOT_CONVERGED`: The iteration did not converge. The estimate is the last point, or NaN if this point is not valid.
@@ -81,7 +81,7 @@ class Observed(NamedTuple):
     sun: Floats
     #: Commanded encoder angles: primary (azimuth), secondary (elevation), shape (N, M, 2). [rad]
     angles: Floats
-    #: Coordinates y, z of spots on the plane of the receiver, shape (N, M, 2). [m]
+    #: Coordinates y, z of spots on the receiver plane, shape (N, M, 2). [m]
     #: For crossings, positions relative to the aim point in the world frame, shape (N, M, 3). [m]
     #: Missing observations are NaN.
     position: Floats
@@ -116,8 +116,8 @@ class Fit(NamedTuple):
     counted: NDArray[np.bool_]
     #: Status codes, from `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,).
     status: Integers
-    #: Index of the error with the largest component in the direction with the largest variance, shape (N,).
-    #: The index is -1 if the number of observations is too small.
+    #: Index of the error with the largest component in the direction of maximum variance, shape (N,).
+    #: The index is -1 if there are too few observations.
     least_known: Integers
 
     @property
@@ -168,7 +168,7 @@ def fit(
     """
     limit = CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit
     count, spots = observed.weight.shape
-    step, found = max(1, 20_000 // max(1, spots)), []  # number of mounts in a batch, which limits memory
+    step, found = max(1, 20_000 // max(1, spots)), []  # number of mounts in a batch, to limit memory use
     with np.errstate(all="ignore"):
         for first in range(0, max(count, 1), step):
             part = slice(first, first + step)
@@ -199,7 +199,10 @@ class _Problem:
         self.weight = weight * (self.used / np.maximum(weight.sum(axis=1), 1e-320))[:, np.newaxis]
 
     def predicted(self, some: NDArray[np.int64], errors: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return residuals (n, M, D), derivatives (n, M, D, p), and sines of the angles between traces and arrays."""
+        """Return residuals, derivatives of the residuals, and sines of the angles between traces and arrays.
+
+        The residuals have shape (n, M, D), and the derivatives have shape (n, M, D, p).
+        """
         seen = self.seen if len(some) == len(self.seen) else self.seen[some]
         rows = np.empty((*seen.shape[:2], self.coordinates, len(ERRORS) + 1))
         sines = np.ones(rows.shape[:2])
@@ -215,11 +218,11 @@ class _Problem:
         return np.where(np.isfinite(cost), cost, np.inf)
 
     def squares(self, some: NDArray[np.int64], residual: Floats) -> Floats:
-        """Return weighted squared residuals relative to the squared scale of the loss, shape (n, M)."""
+        """Return the weighted squared residuals relative to the squared scale of the loss, shape (n, M)."""
         return self.weight[some] * np.sum(residual**2, axis=-1) / self.square_scale
 
     def system(self, some: NDArray[np.int64], residual: Floats, rows: Floats, loss: int) -> tuple[Floats, Floats]:
-        """Return the gradient of the cost (n, p), and an approximate second derivative of the cost (n, p, p)."""
+        """Return the gradient, shape (n, p), and an approximate second derivative, shape (n, p, p), of the cost."""
         weight = self.weight[some]
         _, slope, _ = bend(self.squares(some, residual), loss)
         root = np.sqrt(np.where(weight > 0, weight * slope, 0.0))[..., np.newaxis]
@@ -403,11 +406,11 @@ def predict(
     rows: Floats,
     sines: Floats,
 ) -> None:
-    """Write the derivatives with respect to six errors, and predicted minus measured observations, (N, M, D, 7).
+    """Write derivatives with respect to six errors, and predicted minus measured observations, to `rows`.
 
-    Undefined values are NaN. `seen` contains the direction to the sun, and the cosines and sines of the encoder angles.
-    For a spot, `seen` also contains y and z. For a crossing, `seen` also contains the position, the direction of the
-    array and the trace.
+    `rows` has shape (N, M, D, 7), and undefined values are NaN. `seen` contains the direction to the sun, and the
+    cosines and sines of the encoder angles. For a spot, `seen` also contains y and z. For a crossing, `seen` also
+    contains the position, the direction of the array and the trace.
     """
     for i in range(len(rows)):
         f, x, d = frames[i], errors[i], to_target[i]

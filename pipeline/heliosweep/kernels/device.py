@@ -1,7 +1,7 @@
-"""Compile the functions of a kernel for a graphics processor, and run them there.
+"""Compile the functions of a kernel for a GPU, and run them there.
 
 All threads of a thread block work on the same block of rays. The functions `lane`, `lanes`, `barrier` and `add` of a
-kernel's module are replaced by versions for the device. All other code is common to processor and device.
+kernel's module are replaced by versions for the device. All other code is common to CPU and GPU.
 """
 
 import os
@@ -24,7 +24,7 @@ _LOCK = threading.Lock()
 
 
 def device_problem() -> str | None:
-    """Return the reason why no graphics processor can be used and the remedy, or None if one is available."""
+    """Return the reason why no GPU can be used and a remedy, or None if a GPU is available."""
     if not find_spec("numba_cuda") and os.environ.get("NUMBA_ENABLE_CUDASIM", "0") in ("", "0"):
         return "needs the package numba-cuda: install 'heliosweep[gpu]', or use device: cpu"
     os.environ.setdefault("NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS", "0")
@@ -32,10 +32,7 @@ def device_problem() -> str | None:
 
     if cuda.is_available():
         return None
-    return (
-        "finds no NVIDIA graphics processor with a driver: check nvidia-smi and install 'heliosweep[gpu]', or use "
-        "device: cpu"
-    )
+    return "finds no NVIDIA GPU with a driver: check nvidia-smi and install 'heliosweep[gpu]', or use device: cpu"
 
 
 def lane() -> Any:
@@ -96,7 +93,7 @@ def run_on_device(
     floats, lanes : (int, int, int), int
         Sizes of the three shared arrays (scratch, constants and counts), and number of rays in a block.
     problem : tuple
-        Arrays and numbers that the last function needs as input.
+        Input arrays and numbers of the last function.
     bodies, pairs : int
         Number of heliostats in the field, and number of heliostat-instant pairs to trace.
     sums, cells, whole : ndarray

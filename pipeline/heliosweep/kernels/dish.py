@@ -37,7 +37,7 @@ ARC = (1.0, 1 / 24, 3 / 640, 5 / 7168, 35 / 294912, 63 / 2883584, 231 / 54525952
 
 
 class Windows(NamedTuple):
-    """Sun positions at all instants of positive weight, grouped by window; created by `pack_windows`.
+    """Sun positions at all instants with positive weight, grouped by window; created by `pack_windows`.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ def pack_windows(sun: ArrayLike, starts: ArrayLike, weights: ArrayLike | None = 
     starts : array_like of int, shape (W + 1,)
         Window w contains the instants starts[w] to starts[w + 1] - 1.
     weights : array_like, shape (T,), optional
-        Weight of each instant, 1 by default; instants of weight zero are omitted. [1]
+        Weight of each instant, 1 by default; instants with zero weight are omitted. [1]
 
     Returns
     -------
@@ -104,7 +104,7 @@ def window_errors(
     model : int
         `RIGID` or `UNTILTED_HOME_AXES`.
     windows : Windows
-        From `pack_windows`.
+        Sun positions, from `pack_windows`.
     tilt, direction : array_like
         Tilt of the azimuth axis, and direction towards which the foot of the axis moves: 0 for south, positive to the
         west. [rad]
@@ -114,18 +114,18 @@ def window_errors(
     tolerance : array_like
         Upper limit of the error in the clipped mean. [rad]
     azimuth_reference, non_orthogonality, collimation : array_like
-        Three errors of the mount. [rad] The azimuth reference is an excess rotation about the azimuth axis, clockwise
-        seen from above. The non-orthogonality is the angle by which the right-hand end of the elevation axis, seen
-        along the home focal axis, is below the plane normal to the azimuth axis. The collimation is the angle of the
-        focal axis from the plane normal to the elevation axis, positive towards the right-hand end of this axis.
+        Three mount errors. [rad] The azimuth reference is an excess rotation about the azimuth axis, clockwise seen
+        from above. The non-orthogonality is the angle by which the right-hand end of the elevation axis, seen along the
+        home focal axis, is below the plane normal to the azimuth axis. The collimation is the angle of the focal axis
+        from the plane normal to the elevation axis, positive towards the right-hand end of this axis.
 
     Returns
     -------
     mean, largest, clipped : ndarray, shape (*parameters, W)
         Weighted mean of the error e, its maximum, and the weighted mean of min(e, tolerance). Values are NaN if a
-        window has no instant of positive weight. The parameters broadcast against each other. [rad]
+        window has no instant with positive weight. The parameters broadcast against each other. [rad]
     """
-    # In this chain, the azimuth offset applies only to the focal axis.
+    # In the chain of rotations, the azimuth offset applies only to the focal axis.
     # The sign of the offset is opposite to the sign of the collimation.
     across = np.asarray(home_azimuth) - np.asarray(collimation)
     mount = (tilt, direction, across, home_elevation, azimuth_reference, non_orthogonality, tolerance)
@@ -180,11 +180,11 @@ def _chain(
 def _window_errors(
     rows: Floats, weights: Floats, starts: Integers, chains: Floats, leans: Floats, limits: Floats, errors: Floats
 ) -> None:
-    """Write `errors`, shape (3, C, W), for chains (C, 3, 9) and limits (C,).
+    """Write `errors`, shape (3, C, W), for `chains` of shape (C, 3, 9) and `limits` of shape (C,).
 
-    `leans` (C, 3) contains a scale and the sine and cosine of the direction. If tilt is the only error of a rigid
-    mount, the chord is scale |u x s|, where s is the direction to the sun. The scale of all other mounts is 0. Mounts
-    with small tilts in the same direction share the sums of the powers of |u x s|.
+    `leans`, shape (C, 3), contains a scale, and the sine and cosine of the direction. If tilt is the only error of a
+    rigid mount, the chord is scale |u x s|, where s is the direction to the sun. The scale of all other mounts is 0.
+    Mounts with small tilts in the same direction share the sums of the powers of |u x s|.
     """
     windows, arc, total = len(starts) - 1, np.empty(weights.size), np.full(len(starts) - 1, math.nan)
     for w in range(windows):

@@ -17,16 +17,16 @@ from numba.core.registry import cpu_target
 def compile_in_parts(whole: Any, part: Any) -> None:
     """Compile a kernel to machine code for Python, and to an unoptimised part for other kernels.
 
-    Numba optimises each kernel and generates its machine code, and repeats both in each calling kernel. This function
-    compiles called functions to the intermediate form, links them, and optimises them only in their callers. With numba
-    0.68, the kernels of heliostat fields compile in 6 s of processor time instead of 12 s. This function depends on
-    internals of numba and is therefore limited to tested versions. Other versions compile in the usual way, with the
-    same results.
+    By default, numba optimises each kernel and generates its machine code, and repeats both for each calling kernel.
+    This function compiles called functions to the intermediate form, links them, and optimises them only in their
+    callers. With numba 0.68, the heliostat field kernels compile in 6 s of CPU time instead of 12 s. This function
+    depends on internals of numba and is therefore limited to tested versions. Other versions compile in the usual way,
+    with the same results.
 
     Parameters
     ----------
     whole, part : numba.core.dispatcher.Dispatcher
-        The kernel with and without its interface to Python. Both dispatchers compile on their first call.
+        The kernel with and without its Python interface. Both dispatchers compile on their first call.
     """
     if numba.version_info.short != (0, 68):  # not tested
         return

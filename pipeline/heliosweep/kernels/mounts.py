@@ -1,7 +1,7 @@
 """Two-axis mounts with six angular errors in front of a receiver plane: kinds, frames, exact aiming, and spots.
 
-Angles are pairs of cosine and sine, and matrices are tuples of rows. The world frame has x east, y north, z up. The
-receiver is a rectangle centred on the aim point T. The axes X, Y, Z of the receiver's face are the rows
+Angles are stored as (cosine, sine) pairs, and matrices as tuples of rows. The world frame has x east, y north, z up.
+The receiver is a rectangle centred on the aim point T. The axes X, Y, Z of the receiver's face are the rows
 
     X = (cos b sin g, cos b cos g, sin b),  Y = (-cos g, sin g, 0),  Z = X x Y
 
@@ -11,7 +11,7 @@ z = Z.(p - T), positive upwards.
 
 The axes of the mount's frame are the rows of Q in the world frame: x, y (the bore at zero angles) and z (the primary
 axis). The encoder angles are g (azimuth about the primary axis, clockwise seen from its end) and a (elevation). The
-errors in the order of `ERRORS` are g0 and a0 (encoder references), te and tn (tilt of the primary axis, a rotation
+errors, in the order of `ERRORS`, are g0 and a0 (encoder references), te and tn (tilt of the primary axis, a rotation
 vector about x and y of the frame), eta (non-orthogonality of the axes) and mu (collimation, the angle between normal
 and bore). The normal n and the mirror centre P are
 
@@ -47,7 +47,7 @@ Matrix = tuple[Vector, Vector, Vector]
 #: `POLAR`: Mount with its primary axis along the axis of the Earth.
 #: `TILT_ROLL`: Mount with a horizontal primary axis.
 AZIMUTH_ELEVATION, TARGET_ALIGNED, POLAR, TILT_ROLL = range(4)
-#: Names of the six errors of a mount, in the order of all arrays of errors. [rad]
+#: Names of the six mount errors [rad], in the order used by all error arrays.
 ERRORS = (
     "azimuth_reference",
     "elevation_reference",
@@ -62,7 +62,7 @@ _LEVEL = 1e-12
 
 @inline
 def mount_frame(kind: int, latitude: float, axis_azimuth: float, to_target: Vector) -> Matrix:
-    """Return the axes x, y, z of a mount: z is the primary axis, and y the zero of the primary angle. [1]
+    """Return the axes x, y, z of a mount [1]; z is the primary axis, and the primary angle is zero along y.
 
     Azimuth-elevation mounts have x east and z up. Target-aligned mounts have z along `to_target`, the vector from the
     pivot to the aim point [m], and y as near to vertical as possible (north if z is vertical). Polar mounts have x east
@@ -115,7 +115,7 @@ def tilt_matrix(east: float, north: float) -> Matrix:
 
 @inline
 def tilt_axes(east: float, north: float) -> tuple[Vector, Vector]:
-    """Return the axes about which a mount rotates if a tilt component changes, in the frame of the tilted axis."""
+    """Return the axes about which a mount rotates when a tilt component changes, in the frame of the tilted axis."""
     square = east * east + north * north
     if square < 1e-4:
         v = 0.5 + square * (-1 / 24 + square * (1 / 720 - square / 40320))
@@ -144,9 +144,9 @@ def turn(cg, sg, x, y):
 def point(n, ce, se, cm, sm):
     """Return the angles at which the mirror has the normal `n` in the frame of the tilted primary axis.
 
-    Arguments are the normal n' = Rtilt^T Q n and the cosines and sines of eta and mu. Returns cosine and sine of g + g0
-    and of a + a0, and a margin that is negative in the blind cone, where the angles are undefined. If the normal is
-    along the primary axis, g + g0 is set to 0.
+    `n` is the normal n' = Rtilt^T Q n [1]. `ce`, `se`, `cm` and `sm` are the cosines and sines of eta and mu. Returns
+    the cosine and sine of g + g0 and of a + a0, and a margin that is negative in the blind cone, where the angles are
+    undefined. If the normal is along the primary axis, g + g0 is set to 0.
     """
     nx, ny, nz = n
     level = nx * nx + ny * ny
@@ -161,9 +161,9 @@ def point(n, ce, se, cm, sm):
     return cg, (y * nx - x * ny) * inverse, y * each, up * each, margin
 
 
-#: Statuses of spots. `REACHES`: The ray reaches the plane of the receiver. The spot is NaN for all other statuses.
+#: Statuses of spots. `REACHES`: The ray reaches the receiver plane. The spot is NaN for all other statuses.
 #: `MISSES`: The ray points away from the plane or along it, or the sun lights the back of the mirror.
-#: `BEHIND_FACE`: The pivot or the mirror centre lies on the plane of the receiver or behind it.
+#: `BEHIND_FACE`: The pivot or the mirror centre lies on the receiver plane or behind it.
 #: `NO_SUN`: The sun is not above the horizon, or its position is NaN.
 #: `BLIND_CONE`: The mount cannot point in the required direction, although the aim point is far enough.
 #: `TOO_NEAR`: The offsets of the mirror are not smaller than the distance to the aim point.
@@ -171,7 +171,7 @@ REACHES, MISSES, BEHIND_FACE, NO_SUN, BLIND_CONE, TOO_NEAR = range(6)
 
 
 class Setting(NamedTuple):
-    """Receiver and mount of P parameter combinations, constant in time; each array has the shape (P,)."""
+    """Receiver and mount for P parameter combinations, constant in time; each array has shape (P,)."""
 
     #: Azimuth of the face's outward normal, from north, clockwise. [rad]
     face_azimuth: NDArray[np.float64]
@@ -218,10 +218,10 @@ def face_axes(azimuth: float, tilt: float) -> NDArray[np.float64]:
 
 @inline
 def trace(p: Vector, n: Vector, s: Vector, face: Matrix) -> tuple[float, float, int]:
-    """Return the spot p + l R of the sun's ray that a mirror at p reflects, with R = 2 (s.n) n - s.
+    """Return the spot p + l R of the sun ray reflected by a mirror at p, with R = 2 (s.n) n - s.
 
     The unit vector s points to the sun, and n is the unit normal. The mirror centre p is relative to the aim point [m].
-    Returns y and z on the plane of the receiver [m], NaN if there is no spot, and the status: `REACHES`, `MISSES`,
+    Returns y and z on the receiver plane [m] (NaN if there is no spot) and the status: `REACHES`, `MISSES`,
     `BEHIND_FACE` or `NO_SUN`.
     """
     (px, py, pz), (nx, ny, nz), (sx, sy, sz) = p, n, s
@@ -255,7 +255,7 @@ class Mount(NamedTuple):
     target: Vector
     #: Vector from the base to the pivot. [m]
     pole: Vector
-    #: Encoder references, non-orthogonality and collimation.
+    #: Cosine and sine of the azimuth reference, elevation reference, non-orthogonality and collimation.
     g0: Pair
     a0: Pair
     eta: Pair
@@ -266,7 +266,7 @@ class Mount(NamedTuple):
 
 
 class Mirror(NamedTuple):
-    """Mirror of a mount at specified encoder angles, in the frame of the tilted primary axis."""
+    """Mirror of a mount at given encoder angles, in the frame of the tilted primary axis."""
 
     normal: Vector
     #: Elevation axis in the mirror. [1]
@@ -314,7 +314,7 @@ def mount_of(errors, frame, to_target, offsets) -> Mount:
 
 @inline
 def added(one: Pair, other: Pair, sign: float) -> Pair:
-    """Return cosine and sine of the sum of two angles, or of their difference if the sign is -1."""
+    """Return the cosine and sine of the sum of two angles, or of their difference if the sign is -1."""
     return one[0] * other[0] - sign * one[1] * other[1], one[1] * other[0] + sign * one[0] * other[1]
 
 
@@ -346,9 +346,9 @@ def _swung(cg, sg, v):
 def aimed(mount: Mount, sun: Vector) -> tuple[Pair, Pair, int]:
     """Aim a mount with known errors so that it reflects the sun to the aim point.
 
-    `sun` is a unit vector in the world frame. Returns cosine and sine of the encoder angles g and a, and the status:
-    `REACHES`, `NO_SUN`, `TOO_NEAR` (the offsets are not smaller than the distance to the aim point) or `BLIND_CONE`
-    (the mount cannot point in the required direction). The angles are defined only for `REACHES`.
+    `sun` is a unit vector in the world frame. Returns the cosine and sine of each encoder angle, g and a, and the
+    status: `REACHES`, `NO_SUN`, `TOO_NEAR` (the offsets are not smaller than the distance to the aim point) or
+    `BLIND_CONE` (the mount cannot point in the required direction). The angles are defined only for `REACHES`.
     """
     d, offset, axis_offset = mount.target, mount.offset, mount.axis_offset
     (ce, se), (cm, sm) = mount.eta, mount.mu
@@ -406,7 +406,7 @@ def _newton(c, n, t, inverse, angles, margin, askew, offset, axis_offset, far):
     aa, ag, ga, gg = 1.0 - dot(a_row, by_a), -dot(a_row, by_g), -dot(g_row, by_a), 1.0 - dot(g_row, by_g)
     fa, fg, inverse = dot(a_row, move), dot(g_row, move), 1.0 / (aa * gg - ag * ga)
     va, vg = inverse * (gg * fa - ag * fg), inverse * (aa * fg - ga * fa)
-    # use a fixed-point step far from the solution, or if the mount cannot point along the present normal
+    # use a fixed-point step far from the solution, or if the mount cannot point along the current normal
     if not (margin >= 0.0 and va * va + vg * vg < 1.0):
         va, vg = 0.0, 0.0
     # The remaining error is of the order of the squared step, which is below rounding errors.
@@ -475,7 +475,7 @@ def aim(
 
 
 class Stand(NamedTuple):
-    """Mirrors in the world frame: unit vectors [1] and displacements [m], shape (..., 3)."""
+    """Mirrors in the world frame: unit vectors [1] and displacements [m], each with shape (..., 3)."""
 
     normal: Floats
     #: Elevation axis in the mirror.
@@ -491,7 +491,7 @@ class Stand(NamedTuple):
 
     @property
     def up(self) -> Floats:
-        """Axis up the slope of the mirror."""
+        """Axis that points up the slope of the mirror."""
         return np.cross(self.right, self.normal)
 
 
@@ -502,7 +502,7 @@ def stand(
     to_target: ArrayLike,
     offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Stand:
-    """Return the mirrors of mounts with errors, at encoder angles (..., 2) [rad]; see `aim` for other arguments."""
+    """Return the mirrors of mounts with errors; `angles`, shape (..., 2), are encoder angles [rad]. See also `aim`."""
     made = _rowwise(_stand, 18, frame, angles, to_target, errors, offsets)
     return Stand(*(made[..., 3 * k : 3 * k + 3] for k in range(6)))
 
@@ -524,21 +524,21 @@ class Mounts(NamedTuple):
         return self._replace(frames=self.frames[some], to_target=self.to_target[some])
 
     def aim(self, sun: Floats, known: Floats | None = None) -> Floats:
-        """Return encoder angles, shape (N, ..., T, 2), that correct known errors (default: no errors). [rad]
+        """Return the encoder angles that correct known errors (default: none), shape (N, ..., T, 2). [rad]
 
-        Known errors have the shape (N, ..., 1 or T, 6). Sun vectors have the shape (T, 3), or the shape of the errors
-        with a last axis of length 3.
+        `known` has shape (N, ..., 1 or T, 6). `sun` has shape (T, 3), or the shape of `known` with a last axis of
+        length 3.
         """
         known = np.zeros((len(self.frames), 1, 6)) if known is None else known
         return aim(self._at(self.frames, known), sun, self._at(self.to_target, known), known, tuple(self.offsets))
 
     def stand(self, angles: Floats, errors: Floats) -> "Stand":
-        """Return mirrors of mounts with errors of shape (..., 6), at encoder angles of shape (N, ..., T, 2). [rad]"""
+        """Return the mirrors for encoder angles of shape (N, ..., T, 2) and mount errors of shape (..., 6). [rad]"""
         frames, to_target = self._at(self.frames, angles), self._at(self.to_target, angles)
         return stand(frames, angles, errors, to_target, tuple(self.offsets))
 
     def on_face(self, plane: Floats) -> Floats:
-        """Return points y, z on the plane of the receiver as vectors in the world frame. [m]"""
+        """Return points (y, z) on the receiver plane as vectors in the world frame. [m]"""
         # BLAS is not used, because its rounding depends on the number of rows.
         return plane[..., :1] * self.face[1] + plane[..., 1:] * self.face[2]
 
@@ -549,7 +549,7 @@ class Mounts(NamedTuple):
 
 
 def _rowwise(fill, count: int, frame: ArrayLike, *arrays: ArrayLike) -> Floats:
-    """Call a kernel on broadcast rows of frames and three arrays; return the `count` numbers of each row."""
+    """Call a kernel on broadcast rows of frames and three arrays; return `count` numbers for each row."""
     *vectors, offsets = arrays
     frames = np.asarray(frame, np.float64)
     parts = [frames.reshape(*frames.shape[:-2], 9), *(np.asarray(each, np.float64) for each in vectors)]
@@ -563,9 +563,10 @@ def _rowwise(fill, count: int, frame: ArrayLike, *arrays: ArrayLike) -> Floats:
 
 @inline
 def _mount(row, offsets, first) -> Mount:
-    """Return the mount of a row.
+    """Return the mount described by a row.
 
-    A row contains the frame, the sun or the angles, the vector to the aim point (from index `first`), and the errors.
+    A row contains the frame, the sun vector or the angles, the vector to the aim point (from index `first`), and the
+    errors.
     """
     frame = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8])
     to_target, k = (row[first], row[first + 1], row[first + 2]), first + 3
@@ -575,7 +576,7 @@ def _mount(row, offsets, first) -> Mount:
 
 @kernel
 def _aim(rows: Floats, offsets: Floats, angles: Floats) -> None:
-    """Write encoder angles for rows of frame, sun, target and errors, shape (N, 21)."""
+    """Write the encoder angles for rows of shape (N, 21), each with frame, sun, target and errors."""
     for i in range(len(rows)):
         g, a, status = aimed(_mount(rows[i], offsets, 12), (rows[i, 9], rows[i, 10], rows[i, 11]))
         if status == REACHES:
@@ -584,7 +585,7 @@ def _aim(rows: Floats, offsets: Floats, angles: Floats) -> None:
 
 @kernel
 def _stand(rows: Floats, offsets: Floats, made: Floats) -> None:
-    """Write the vectors of `Stand` for rows of frame, angles, target and errors, shape (N, 20)."""
+    """Write the vectors of `Stand` for rows of shape (N, 20), each with frame, angles, target and errors."""
     for i in range(len(rows)):
         mount, g, a = _mount(rows[i], offsets, 11), rows[i, 9], rows[i, 10]
         mirror = mirror_at(mount, (math.cos(g), math.sin(g)), (math.cos(a), math.sin(a)))
@@ -600,7 +601,7 @@ def pointing_turns(
     centre: Floats, target: Floats, mounts: Floats, tracking: int, sun: Floats, start: int, stop: int, first: int = 0,
     stride: int = 1,
 ) -> Floats:  # fmt: skip
-    """Return the rotations of mirrors start..stop towards the mirror axes u and v, shape (stop - start, T, 2). [rad]
+    """Return the pointing errors of mirrors start..stop towards the axes u and v, shape (stop - start, T, 2). [rad]
 
     The encoder angles are computed for a mount without errors. The rotation of a mirror about its normal is omitted.
 
@@ -609,14 +610,14 @@ def pointing_turns(
     centre, target : ndarray, shape (N, 3)
         Centres of the mirrors and their aim points: east, north, up. [m]
     mounts : ndarray, shape (N, 6)
-        Errors of the mounts, in the order of `ERRORS`. [rad]
+        Mount errors, in the order of `ERRORS`. [rad]
     tracking : int
         `TARGET_ALIGNED` or `AZIMUTH_ELEVATION`.
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     first, stride : int
-        Index of the first instant, and stride of the computed rotations. Rotations are 0 unless the sum of the indices
-        of mirror and instant is a multiple of the stride.
+        Index of the first instant, and stride. A rotation is computed only if the sum of its mirror and instant indices
+        is a multiple of the stride, and is 0 otherwise.
     """
     out = np.zeros((stop - start, len(sun), 2))
     _turns(
@@ -634,7 +635,7 @@ def pointing_turns(
 def _turns(
     centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: Floats, first: int, stride: int, out: Floats
 ) -> None:
-    """Write the rotations of the normals, which remain zero if the sun is below the horizon."""
+    """Write the rotations of the normals; rotations remain zero while the sun is below the horizon."""
     for i in range(out.shape[0]):
         e = mounts[i]
         way = (target[i, 0] - centre[i, 0], target[i, 1] - centre[i, 1], target[i, 2] - centre[i, 2])

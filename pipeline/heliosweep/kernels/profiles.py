@@ -1,10 +1,9 @@
 """Brightness profile of the sun's disc (analytic, tabulated or from images) and its inverse.
 
-The generalised formula of Jose [1]_, [2]_ is B = A + (1 - A) sqrt(1 - u^xi) with u = eps / eps_max. Every analytic
-profile here is a cubic in c = sqrt(1 - u^xi), and the formula of Jose is the linear case. A tabulated profile has nodes
-at equal steps of eps and is linear between its nodes. Renderers use the profile itself, which is exactly 0 outside the
-disc (`rendered`). Reconstructions need a slope everywhere, so they continue the profile by its tangent at 0.9995
-eps_max.
+Jose's generalised formula [1]_, [2]_ is B = A + (1 - A) sqrt(1 - u^xi) with u = eps / eps_max. Every analytic profile
+here is a cubic in c = sqrt(1 - u^xi), and Jose's formula is the linear case. A tabulated profile has nodes at equal
+steps of eps and is linear between its nodes. Renderers use the profile itself, which is exactly 0 outside the disc
+(`rendered`). Reconstructions need a slope everywhere, so they continue the profile by its tangent at 0.9995 eps_max.
 
 References
 ----------
@@ -13,9 +12,10 @@ References
    concentrated solar power plant", AIP Conf. Proc. 2303 (2020) 100002, doi 10.1063/5.0029270, Eq. 7
 
 The disc in an image is the region that is brighter than half the brightness of the limb. The centroid and the area of
-this region give the centre and the radius of the disc, with errors below one pixel. A profile consists of medians over
-rings about the centroid, which suppress dust and hot pixels. Rings at the limb contain pixels of disc and sky. In these
-rings, the profile is therefore extrapolated linearly in c = sqrt(1 - u^xi), because the formula of Jose is linear in c.
+this region give the centre and the radius of the disc, with errors below one pixel. The profile consists of medians
+over rings about the centroid. Medians suppress dust and hot pixels. Rings at the limb contain both disc and sky pixels.
+In these rings, the profile is therefore extrapolated linearly in c = sqrt(1 - u^xi), because Jose's formula is linear
+in c.
 """
 
 import math
@@ -42,8 +42,8 @@ _TINY = 1e-60
 class Profile(NamedTuple):
     """Sun profile in the form that the kernels need; created by `jose` or `tabulated`.
 
-    Brightness is relative to the disc centre, and angles are measured from the disc centre. All kinds of profiles have
-    one type, so that kernels are compiled only once.
+    Brightness is relative to the disc centre, and angles are measured from the disc centre. All profiles have the same
+    type, so that kernels are compiled only once.
     """
 
     #: Angular radius eps_max. [rad]
@@ -66,7 +66,7 @@ class Profile(NamedTuple):
     edge_slope: float
     #: Angle between the nodes of the table. [rad]
     step: float
-    #: Brightness at the angles k * step, of which the last is eps_max, shape (nodes,); empty for an analytic profile.
+    #: Brightness at the angles k * step up to eps_max, shape (nodes,); empty for an analytic profile.
     table: Floats
     #: Decreasing brightness at equal steps from 0 to eps_max, for the inverse; empty if the inverse has a closed form.
     envelope: Floats
@@ -133,7 +133,7 @@ def inverse_squares(profile: Profile, values: Floats) -> Floats:
 
 
 def jose(limb: float = LIMB, radius: float = EPS_MAX, power: float = POWER) -> Profile:
-    """Return the profile of the generalised formula of Jose, A + (1 - A) sqrt(1 - (eps / eps_max)^xi).
+    """Return the profile given by Jose's generalised formula, A + (1 - A) sqrt(1 - (eps / eps_max)^xi).
 
     `limb` is the brightness A at the limb, at least 0 and less than 1 [1]. `radius` is the angular radius eps_max
     [rad], and `power` is the exponent xi [1].
@@ -161,7 +161,7 @@ def tabulated(brightness: ArrayLike, angle: ArrayLike | None = None) -> Profile:
             raise ValueError("a sun profile needs equal numbers of angles and brightnesses, at least 3")
         steps, radius = np.diff(angles), float(angles[-1])
         if not (np.all(np.isfinite(angles)) and abs(angles[0]) <= 1e-9 * radius and np.all(steps > 0.0)):
-            raise ValueError("the angles of a sun profile must rise from 0")
+            raise ValueError("the angles of a sun profile must increase from 0")
         if np.ptp(steps) > 1e-6 * steps.mean():
             cells = min(math.ceil(float(radius / steps.min())), 4095)
             values = np.interp(np.linspace(0.0, radius, cells + 1), angles, values)
@@ -288,7 +288,7 @@ def _limb_cosine(u: Floats, power: float) -> Floats:
     return np.sqrt(1.0 - u**power)
 
 
-#: Width of the zone at the limb in which pixels contain disc and sky. [pixels]
+#: Width of the zone at the limb in which pixels contain both disc and sky. [pixels]
 _LIMB = 1.5
 
 

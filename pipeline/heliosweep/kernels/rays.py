@@ -1,7 +1,7 @@
 """Ray tracing of a heliostat field: shading, blocking, spillage and flux in one loop.
 
-A block of rays is traced for each heliostat and instant. A ray has a point on the reflecting area, a direction to a
-point of the sun, and random errors of slope and specularity. Points, directions and errors come from scrambled Sobol
+A block of rays is traced for each heliostat and instant. Each ray has a point on the reflecting area, a direction to a
+point on the sun, and random slope and specularity errors. Points, directions and errors come from scrambled Sobol
 sequences [1]_. Eight independent sequences are used in parallel, and their spread gives the standard error of each
 result. Coordinates are relative to the mirror's centre, in single precision. Rounding errors are about 60 micrometres
 at a distance of 1 km.
@@ -29,11 +29,11 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, Cells, Mirrors, 
 from heliosweep.kernels.mounts import pointing_turns
 from heliosweep.kernels.sunshapes import SunShape, pillbox, quantile
 
-#: Kinds of receivers: a flat rectangle that is lit from one side, and the outside of an upright cylinder.
+#: Receiver types: a flat rectangle that is lit from one side, and the outside of an upright cylinder.
 RECTANGLE, CYLINDER = 0, 1
 #: Number of independent estimates of each result.
 REPLICATES = 8
-#: Indices of the quantities in `Traced.sums`; the last quantity is 0 without a tower.
+#: Indices of the quantities in `Traced.sums`; the last quantity is 0 if there is no tower.
 COSINE, UNSHADED, UNBLOCKED, COSINE_UNSHADED, COSINE_UNBLOCKED, OPTICAL, HIT, LIGHT, REFLECTED, RECEIVED = range(10)
 COSINE_PAST_TOWER, QUANTITIES = 10, 11
 
@@ -49,19 +49,19 @@ _ZERO, _QUARTER, _HALF, _ONE, _TWO, _FAR, _TINY = map(np.float32, (0.0, 0.25, 0.
 _T0, _T1, _T2, _T3, _T4, _T5 = (
     np.float32(c / (2.0 * math.pi)) for c in (0.99997726, -0.33262347, 0.19354346, -0.11643287, 0.05265332, -0.01172120)
 )
-#: Number of rows in the scratch array, and number of constants that the rays of a heliostat and instant share.
+#: Number of rows in the scratch array, and number of constants common to all rays of a heliostat at an instant.
 _ROWS, _CONSTANTS = 20, 56
 #: Offsets of rows 10 to 19 in the scratch array.
 #: Rows 0 to 9 contain points, directions to the sun, reflected directions (3 rows each) and the sag.
 _UNSHADED, _UNBLOCKED, _HITS, _A, _B, _C, _D, _E, _F, _PAST = (_LANES * row for row in range(10, 20))
-#: Maximum number of pairs of heliostat and instant in a pilot run.
+#: Maximum number of heliostat-instant pairs in a pilot run.
 _PILOT = 50_000
-#: Maximum number of rays of a study or call, and minimum number of rays traced per second on one core.
+#: Maximum number of rays in a study or call, and minimum number of rays traced per second on one core.
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 #: Binary logarithms of the maximum number of points per replicate, heliostat and instant.
-#: The first value applies if the user sets the number of rays, the second if a precision determines this number.
+#: The first value applies if the user sets the number of rays, the second if a precision determines the number.
 _MOST_POWER, _PILOT_POWER = 19, 16
-#: Maximum number of rays per heliostat and instant if a precision determines this number.
+#: Maximum number of rays per heliostat and instant if a precision determines the number of rays.
 MOST = REPLICATES << _PILOT_POWER
 
 #: Lock that lets one thread compute points (130 MB for 4 million rays), which the other threads then use.
@@ -69,7 +69,7 @@ _LOCK = threading.Lock()
 
 
 class Errors(NamedTuple):
-    """Standard deviations of random errors per axis: one number for all heliostats, or shape (N,). [rad]
+    """Standard deviations of random errors per axis: one number for all heliostats, or an array of shape (N,). [rad]
 
     Slope and tracking errors rotate the normal towards u (along the width) and v (along the height). Specularity is the
     deviation of the reflected ray.
@@ -81,7 +81,7 @@ class Errors(NamedTuple):
 
 
 class Facets(NamedTuple):
-    """Number of columns and rows of facets of each mirror (1 for an undivided mirror), and gap between facets [m]."""
+    """Number of columns and rows of facets on each mirror (1 for an undivided mirror), and gap between facets [m]."""
 
     columns: int
     rows: int
@@ -91,9 +91,9 @@ class Facets(NamedTuple):
 class Receiver(NamedTuple):
     """A rectangular or cylindrical receiver, created by `rectangle` or `cylinder`.
 
-    The centre has the components east, north, up [m]. A rectangle has unit vectors along width and height, and its face
-    is on the side of their vector product. `half_width` is half the width of a rectangle, or the radius of a cylinder,
-    and `half_height` is half the height. [m]
+    The components of the centre are east, north, up [m]. A rectangle has unit vectors along its width and height, and
+    its face is on the side of their vector product. `half_width` is half the width of a rectangle, or the radius of a
+    cylinder, and `half_height` is half the height. [m]
     """
 
     kind: int
@@ -105,29 +105,32 @@ class Receiver(NamedTuple):
 
 
 def rectangle(centre: tuple[float, float, float], azimuth: float, tilt: float, width: float, height: float) -> Receiver:
-    """Return a rectangle that faces `azimuth`, clockwise from north, and `tilt` above the horizontal. [m, rad]"""
+    """Return a rectangle that faces `azimuth` (clockwise from north) and `tilt` (above the horizontal) [rad].
+
+    The other arguments are the centre, the width and the height of the rectangle [m].
+    """
     sine, cosine = math.sin(azimuth), math.cos(azimuth)
     upward = (-sine * math.sin(tilt), -cosine * math.sin(tilt), math.cos(tilt))
     return Receiver(RECTANGLE, centre, (-cosine, sine, 0.0), upward, width / 2, height / 2)
 
 
 def cylinder(centre: tuple[float, float, float], radius: float, height: float) -> Receiver:
-    """Return an upright cylinder. [m]"""
+    """Return an upright cylinder; all lengths are in m."""
     return Receiver(CYLINDER, centre, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), radius, height / 2)
 
 
 class SlopeMap(NamedTuple):
-    """Slopes of mirrors on a uniform grid, bilinear between the grid points and constant outside the grid.
+    """Mirror slopes on a uniform grid, interpolated bilinearly between grid points and constant outside the grid.
 
     Attributes
     ----------
-    x, y : ndarray, shape (C,), (R,)
+    x, y : ndarray, shape (C,) and (R,)
         Coordinates along width and height, relative to the centre of the mirror or facet. [m]
     slope : ndarray, shape (M, R, C, 2)
         Rotation of the normal towards u and v, for M maps. Missing values (NaN) are replaced by their nearest
         neighbours. [rad]
     number : ndarray of int, shape (N,)
-        Index of the map of each heliostat.
+        Index of the slope map of each heliostat.
     """
 
     x: Floats
@@ -145,7 +148,7 @@ class Scene(NamedTuple):
     centre, target : ndarray, shape (N, 3)
         Centres of the mirrors and their aim points: east, north, up. [m]
     sides : ndarray, shape (N, 2)
-        Width and height. [m]
+        Width and height of each mirror. [m]
     curve : ndarray, shape (N,), or (N, 2) along u and v
         1 / (2 focal length) of a mirror or facet, 0 if flat. [1/m]
     cant : ndarray, shape (N,)
@@ -155,7 +158,7 @@ class Scene(NamedTuple):
     tracking : int
         `packets.SPINNING_ELEVATION` or `packets.AZIMUTH_ELEVATION`.
     mounts : ndarray, shape (N, 6), or (0, 6) without errors
-        Errors of the mounts, in the order of `mounts.ERRORS`. [rad]
+        Mount errors, in the order of `mounts.ERRORS`. [rad]
     tower : (float, float) or None
         Radius and top height of an upright cylinder at x = y = 0 that shades the mirrors. [m]
     """
@@ -182,10 +185,10 @@ class Traced(NamedTuple):
     Sums over parts of a field or period can be added without rounding errors, because all values are multiples of one
     power of two.
 
-    Sums have the shape (`REPLICATES`, heliostats, groups, `QUANTITIES`). The light on each cell, in units of `unit`,
-    has the shape (`REPLICATES`, rows, columns). Sums over the heliostats at each instant have the shape (`REPLICATES`,
-    instants, `QUANTITIES`). Sums at each instant have no weights, but are multiplied by `share` (`REFLECTED` and
-    `RECEIVED`) or `area` (other quantities).
+    `sums` has shape (`REPLICATES`, heliostats, groups, `QUANTITIES`). `flux` is the light on each cell, in units of
+    `unit`, shape (`REPLICATES`, rows, columns). `field` contains the sums over the heliostats at each instant, shape
+    (`REPLICATES`, instants, `QUANTITIES`). The sums at each instant are not weighted, but multiplied by `share`
+    (`REFLECTED` and `RECEIVED`) or `area` (other quantities).
 
     If requested, the images of the heliostats are stored as the number of lit cells of each heliostat, the indices of
     these cells, and the light on them, ordered by heliostat.
@@ -262,7 +265,7 @@ def _frame(j, t, sx, sy, sz, spinning, field, frames, stamp):
 
 @inner(fastmath=_FAST)
 def _place(r, count, points, block, f):
-    """Write the points of rays relative to their facet (rows A and B) and the centres of the facets (C and D)."""
+    """Write each ray's point relative to its facet (rows `_A` and `_B`) and the facet centre (rows `_C` and `_D`)."""
     width, height, step_u, step_v, columns, rows, shift_a, shift_b = (
         f[28],
         f[29],
@@ -284,7 +287,7 @@ def _place(r, count, points, block, f):
 
 @inner(fastmath=_FAST)
 def _map_slopes(r, count, place, slope, facet):
-    """Interpolate a slope map at the points of rays (rows E and F).
+    """Interpolate a slope map at the points of rays, and write the slopes to rows `_E` and `_F`.
 
     `place` contains the first x and y of the grid, and the inverses of its steps.
     """
@@ -305,10 +308,10 @@ def _map_slopes(r, count, place, slope, facet):
 
 @inner(fastmath=_FAST)
 def _reflect(r, count, points, block, f):
-    """Write points of rays (rows 0 to 2), directions to the sun (3 to 5), reflected directions (6 to 8) and sag (9).
+    """Write ray points (rows 0 to 2), directions to the sun (3 to 5), reflected directions (6 to 8) and sag (9).
 
-    For shading and blocking, mirrors are planes, but rays of canted facets start on the facets. Reflected light starts
-    on the curved surface. The sag is the height of this surface above the starting point of a ray.
+    For shading and blocking, mirrors are treated as planes, but rays of canted facets start on the facets. Reflected
+    light starts on the curved surface. The sag is the height of this surface above the starting point of a ray.
     """
     n0, n1, n2, u0, u1, u2, v0, v1, v2 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
     s0, s1, s2, p0, p1, p2, q0, q1, q2 = f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17]
@@ -358,7 +361,7 @@ def _cover(r, count, way, lit, limit, j, i, field, frames):
 
 @inner(fastmath=_FAST)
 def _tower(r, count, i, field, tower):
-    """Mark rays as dark if the tower (radius and top height) intercepts them on their way from the sun."""
+    """Mark rays as dark if the tower intercepts them on their way from the sun; `tower` is (radius, top height) [m]."""
     x, y, top = np.float32(-field[i, 0]), np.float32(-field[i, 1]), np.float32(tower[1] - field[i, 2])
     radius = np.float32(tower[0])
     for k in range(lane(), count, lanes()):
@@ -373,7 +376,7 @@ def _tower(r, count, i, field, tower):
 
 @inner(fastmath=_FAST)
 def _meet_cylinder(r, count, cell, f, rows, columns):
-    """Set row HIT to 1 for rays that hit the outside of the cylinder, and write the cell index of each ray."""
+    """Set row `_HITS` to 1 for rays that hit the outside of the cylinder, and write the cell index of each ray."""
     n0, n1, n2, cx, cy, cz, radius, extent = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
     tall, around = np.float32(rows) / extent, np.float32(columns)
     for k in range(lane(), count, lanes()):
@@ -397,7 +400,7 @@ def _meet_cylinder(r, count, cell, f, rows, columns):
 
 @inner(fastmath=_FAST)
 def _meet_rectangle(r, count, cell, f, rows, columns):
-    """Set row HIT to 1 for rays that hit the face of the rectangle, and write the cell index of each ray."""
+    """Set row `_HITS` to 1 for rays that hit the face of the rectangle, and write the cell index of each ray."""
     n0, n1, n2, x, y, z, half_width, half_height = f[0], f[1], f[2], f[40], f[41], f[42], f[43], f[44]
     a0, a1, a2, b0, b1, b2, c0, c1, c2 = f[45], f[46], f[47], f[48], f[49], f[50], f[51], f[52], f[53]
     wide, tall = _HALF * np.float32(columns) / half_width, _HALF * np.float32(rows) / half_height
@@ -447,7 +450,7 @@ def _rotated(f, to, x, y, z, c, s):
 
 @inner
 def _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver):
-    """Write the constants that all rays of a heliostat and instant share; see `_place` and `_reflect`."""
+    """Write the constants common to all rays of a heliostat at an instant; see `_place` and `_reflect`."""
     for c in range(9):
         f[c] = frames[i, c]
     f[9], f[10], f[11] = sx, sy, sz
@@ -472,10 +475,10 @@ def _constants(f, i, sx, sy, sz, turn_u, turn_v, frames, field, optics, receiver
 def trace_pairs(
     block, blocks, problem, sums, flux, whole, r, cell, counts, f, found, frames, stamp
 ):  # fmt: skip
-    """Trace every `blocks`-th pair of heliostat and instant, and add the results to `sums`, `flux` and `whole`.
+    """Trace every `blocks`-th heliostat-instant pair, and add the results to `sums`, `flux` and `whole`.
 
-    Pairs consist of the heliostats start..stop and the instants begin..end. The threads that share a block of rays run
-    this function together. Each thread traces its own rays, and all threads write the same constants of a pair.
+    The pairs combine heliostats start..stop with instants begin..end. The threads that share a block of rays run this
+    function together. Each thread traces its own rays, and all threads write the same constants of a pair.
     """
     (
         start,
@@ -611,8 +614,8 @@ def _sobol(rng: np.random.Generator, power: int) -> Floats:
 def _points(sun: bytes, variance: float, seed: int, power: int, lanes: int) -> tuple[NDArray[np.float32], Floats]:
     """Return the points of all replicates, and the maximum deviations of sun position, slopes and specularity.
 
-    Points have the shape (blocks, 8, 64): positions on the mirror, positions on the sun, and standard normal deviates
-    of errors.
+    The points, shape (blocks, 8, 64), contain positions on the mirror, positions on the sun, and standard normal
+    deviates for the errors.
     """
     from scipy.special import ndtri
 
@@ -665,24 +668,24 @@ def trace(
     groups : int
         Number of groups.
     start, stop, first, last : int
-        Ranges of heliostats and instants to trace. Rays depend only on the indices of heliostat and instant, so the
-        sums of several calls can be added exactly.
+        Ranges of heliostats and instants to trace. Rays depend only on the heliostat and instant indices, so the sums
+        of several calls can be added exactly.
     rays : int
-        Number of rays of each heliostat and instant, rounded up to 16, 32 or a power of two times 64.
+        Number of rays per heliostat and instant, rounded up to 16, 32 or a power of two times 64.
     seed : int
         Seed of the Sobol sequences.
     cells : (int, int), optional
-        Rows and columns of a flux map.
+        Number of rows and columns of a flux map.
     share : ndarray, shape (N,), optional
         Factor of each heliostat in the flux map, for example area times transmittance.
     area : ndarray, shape (N,), optional
-        Factor of each heliostat in sums over the heliostats. Sums over the heliostats are omitted without `area`.
+        Factor of each heliostat in the sums over the heliostats. These sums are omitted if `area` is not given.
     stride : int
-        Only pairs of heliostat and instant whose indices add up to a multiple of `stride` are traced.
+        Only heliostat-instant pairs whose indices add up to a multiple of `stride` are traced.
     threads : int
         Number of threads.
     cuda : bool
-        If True, trace on a graphics processor, controlled by one CPU thread.
+        If True, trace on a GPU, controlled by one CPU thread.
     images : bool
         If True, also return the image of each heliostat on the cells of the flux map.
     """
@@ -761,7 +764,7 @@ def trace(
         amount = (light[lit] / (REPLICATES * scale[1])).astype(np.float32)
         return flux.sum(axis=0), whole, (np.bincount(lit[0], minlength=end - begin), lit[1].astype(np.int32), amount)
 
-    # There are more parts than threads, so that all threads end at nearly the same time.
+    # There are more parts than threads, so that all threads finish at nearly the same time.
     threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
     parts = max(parts, (stop - start) // 64) if images else parts
@@ -781,7 +784,7 @@ def block_rays(rays: int) -> int:
     """Return the number of rays per heliostat and instant after rounding up to 16, 32, or a power of two times 64."""
     if not 1 <= rays <= REPLICATES << _MOST_POWER or rays % 1:
         raise ValueError(
-            f"the number of rays must be from 1 to {REPLICATES << _MOST_POWER}, a whole number (got {rays})"
+            f"the number of rays must be a whole number from 1 to {REPLICATES << _MOST_POWER} (got {rays})"
         )
     return max(16, 1 << (int(rays) - 1).bit_length())
 
@@ -797,7 +800,7 @@ def mean_error(values: NDArray[Any]) -> tuple[Floats, Floats]:
 
 
 def intercept(optical: Floats, light: Floats) -> Floats:
-    """Return the fraction of the light leaving the mirrors that hits the receiver, NaN without light.
+    """Return the fraction of the light leaving the mirrors that hits the receiver; NaN if there is no light.
 
     The replicates on the first axis are linearised about the ratio of the means.
     """
@@ -809,7 +812,7 @@ def intercept(optical: Floats, light: Floats) -> Floats:
 
 
 def peak(flux: NDArray[Any]) -> tuple[float, float]:
-    """Return the peak of a map, shape (`REPLICATES`, rows, columns), and its standard error.
+    """Return the peak of a flux map, shape (`REPLICATES`, rows, columns), and the standard error of the peak.
 
     The maximum of noisy cells is biased upwards. If a cell has the maximum of seven replicates, its value in the eighth
     replicate is biased downwards. The result is the mean of both values, and the error includes half their difference.
@@ -831,13 +834,13 @@ def rays_for(
     share: Floats | None = None,
     seed: int = 0,
 ) -> int:
-    """Return the number of rays per heliostat and instant that reaches a precision, at most `MOST`.
+    """Return the number of rays per heliostat and instant needed to reach a precision, at most `MOST`.
 
-    Standard errors follow from a pilot run of at most `_PILOT` pairs of heliostat and instant, each with 64 rays.
-    Relative standard errors must be at most 0.75 times `precision` for the light of the field and 6 times `precision`
-    for the light on a heliostat (root mean square). For cells with at least half the peak flux, the standard error must
-    be at most 40 times `precision`, relative to the peak flux. The maximum error is then about 20 times `precision` for
-    300 heliostats, and about 150 times `precision` for 700 cells.
+    Standard errors follow from a pilot run of at most `_PILOT` heliostat-instant pairs, each with 64 rays. Relative
+    standard errors must be at most 0.75 times `precision` for the light of the field and 6 times `precision` for the
+    light on a heliostat (root mean square). For cells with at least half the peak flux, the standard error must be at
+    most 40 times `precision`, relative to the peak flux. The maximum error is then about 20 times `precision` for 300
+    heliostats, and about 150 times `precision` for 700 cells.
     """
     lit = np.asarray(sun)[:, 2] > 0.0
     # The stride is odd, because an even stride would use only half of the points.
@@ -857,7 +860,7 @@ def rays_for(
 
 
 def filled(slope: Floats) -> Floats:
-    """Return maps of slopes with missing values (NaN) replaced by their nearest neighbours."""
+    """Return slope maps with missing values (NaN) replaced by their nearest neighbours."""
     holes = np.asarray(np.isnan(slope).any(axis=-1))
     if not holes.any():
         return slope
@@ -873,7 +876,8 @@ def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
     radius = np.hypot(*half.T)
     curve = np.broadcast_to(scene.curve.reshape(count, -1), (count, 2))
     errors = np.stack([np.broadcast_to(error, count) for error in scene.errors], axis=1)
-    # Each mirror rotates the sun, specularity and slopes and shifts the points, so that no two mirrors use equal rays.
+    # For each mirror, the sun, specularity and slopes are rotated and the points are shifted.
+    # No two mirrors therefore use the same rays.
     shift = (
         np.arange(1, count + 1)[:, np.newaxis]
         * (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
@@ -888,7 +892,7 @@ def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
 
 
 def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floats]:
-    """Return maximum angles between rays and the sun's centre, and between reflected rays and their axis. [rad]"""
+    """Return the maximum angles between rays and the sun's centre, and between reflected rays and their axis. [rad]"""
     sun, slope, rest = farthest
     radius = 1.001 * math.tan(math.asin(sun)) + 1e-6
     lean = slope * field[:, 12:14].max(axis=1) + np.hypot(*scene.turn.T)

@@ -2,7 +2,7 @@
 
 **Curve**. A mount aims as if it had no errors. The actual errors of the mount determine the mirror centre P and the
 normal n. The mirror has two axes: the elevation axis e, which is horizontal if the primary axis z is vertical and has
-no errors, and the axis b = e x n up the slope. An error of the angle eps rotates the normal about the axis a:
+no errors, and the axis b = e x n up the slope. An error eps rotates the normal about the axis a:
 
     n(eps) = Rot(a, eps) n,   a = e (elevation: + raises n), -b (azimuth), -z (encoder azimuth): + rotates n
                               clockwise seen from the end of the primary axis
@@ -42,8 +42,7 @@ of |g''| is the sum of the amplitudes times the squares of their degrees. The se
 root, the search converges as fast as Newton's method.
 
 **Conic**: for an axis a in the mirror, the reflected rays satisfy a.R = -a.S = k. The rays form a cone whose apex p is
-the mirror centre. On the plane of the receiver, the points x = y Y + z Z of the trace, relative to the aim point,
-satisfy
+the mirror centre. On the receiver plane, the points x = y Y + z Z of the trace, relative to the aim point, satisfy
 
     (x - p)^T m (x - p) = 0,  m = a a^T - k^2 I:   A y^2 + B y z + C z^2 + D y + E z + F = 0
 
@@ -61,10 +60,10 @@ a whole deviation curve. Detectors along lines l0 y + l1 z = l2 measure where th
 **Mounts**: mounts aim with the known errors, and the actual errors rotate and move the mirror.
 
 This module also computes statistics of spots over samples of the errors, without storing the spots. The statistics are
-the mean, the variances and the covariance of the spots on the plane of the receiver. Further statistics are percentiles
-of the remaining tolerance, and the fractions of samples whose spot reaches the plane and whose spot lies in the
-aperture. The remaining tolerance is the angle by which the mirror can rotate about its elevation or azimuth axis, with
-a fixed centre, before the spot leaves the aperture.
+the mean, the variances and the covariance of the spots on the receiver plane. Further statistics are percentiles of the
+remaining tolerance, the fraction of samples whose spot reaches the plane, and the fraction of samples whose spot lies
+in the aperture. The remaining tolerance is the angle by which the mirror can rotate about its elevation or azimuth
+axis, with a fixed centre, before the spot leaves the aperture.
 """
 
 import math
@@ -94,18 +93,18 @@ from heliosweep.kernels.mounts import (
 )
 from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixed, scaled, turning
 
-#: Sources of an error. `CANTING`: The facet is rotated about its fixed centre.
+#: Error sources. `CANTING`: The facet is rotated about its fixed centre.
 #: `ENCODER`: The mirror rotates about its pivot. `TILT`: The pedestal rotates about its base.
 CANTING, ENCODER, TILT = range(3)
 
-#: Axes of an error. `ELEVATION`: The elevation axis e in the mirror.
+#: Error axes. `ELEVATION`: The elevation axis e in the mirror.
 #: `AZIMUTH`: The axis -b, down the slope of the mirror. `ENCODER_AZIMUTH`: The primary axis, with reversed sign.
 ELEVATION, AZIMUTH, ENCODER_AZIMUTH = range(3)
 
 #: Coefficients of a trigonometric polynomial of the error: 1, cos, sin, cos 2, sin 2, cos 3 and sin 3.
 Series = tuple[float, float, float, float, float, float, float]
 
-#: Maximum number of steps of a search along the error. All searches in the tests need fewer steps.
+#: Maximum number of steps in a search along the error. All searches in the tests need fewer steps.
 _STEPS = 10_000
 #: Maximum length of the last step. The remaining error is of second order and below rounding errors. [rad]
 _LAST_STEP = 1e-9
@@ -117,7 +116,7 @@ MOMENTS = ("mean_y", "mean_z", "variance_y", "variance_z", "covariance", "real_f
 class Curve(NamedTuple):
     """Normal and centre of one mirror at one instant, as functions of an error about one axis from one source."""
 
-    #: A status code of `mounts`. The other fields are undefined unless the status is `REACHES`.
+    #: A status code from `mounts`. The other fields are undefined unless the status is `REACHES`.
     status: int
     #: Unit vector to the sun. [1]
     sun: Vector
@@ -130,9 +129,9 @@ class Curve(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """Deviation curves of C parameter points, H heliostats and T instants.
+    """Deviation curves for C parameter points, H heliostats and T instants.
 
-    All fields except the spots are NaN if the spot without error does not reach the plane.
+    All fields except the spots are NaN if the error-free spot does not reach the plane.
     """
 
     #: Coordinates y and z of spots [m], NaN unless the status is `REACHES`, and the status, shape (3, C, H, T, E).
@@ -145,11 +144,11 @@ class Curves(NamedTuple):
     #: Conic of the curve, shape (9, C, H, T): coefficients, eccentricity [1], and focus y and z [m].
     #: The coefficients are A [1], B [1], C [1], D [m], E [m] and F [m^2].
     #: The coefficients are divided by A, unless A is negligible compared with B and C.
-    #: If A is negligible, the coefficients are divided by the coefficient of maximum magnitude. The focus lies inside
-    #: the branch that real rays trace. For an ellipse, the focus is the one nearer to the mirror. If the sun is
-    #: perpendicular to the axis, the cone is a plane, and the curve is a straight line. A straight line has infinite
-    #: eccentricity and no focus. All values are NaN if the curve is not a conic. Errors of the encoder or pedestal that
-    #: move the mirror centre do not give a conic. Errors about the primary axis do not give a conic.
+    #: If A is negligible, the coefficients are divided by the coefficient of maximum magnitude.
+    #: The focus lies inside the branch that real rays trace. For an ellipse, the focus nearer to the mirror is given.
+    #: If the sun is perpendicular to the axis, the cone is a plane, and the curve is a straight line.
+    #: A straight line has infinite eccentricity and no focus. All values are NaN if the curve is not a conic.
+    #: Encoder or pedestal errors that move the mirror centre do not give a conic, nor do errors about the primary axis.
     conic: Floats
     #: First crossing of each line, shape (3, C, H, T, L): y and z [m], and the error with its sign [rad].
     #: The first crossing is the crossing by real rays with the minimum |error|; NaN if there is no crossing.
@@ -171,7 +170,7 @@ def deviation_curves(
     Parameters
     ----------
     setting : Setting
-        Receiver and mount of C parameter points.
+        Receiver and mount for each of C parameter points.
     source, axis : array_like of int, shape (C,)
         Source of the error (`CANTING`, `ENCODER` or `TILT`) and axis of the error (`ELEVATION`, `AZIMUTH` or
         `ENCODER_AZIMUTH`).
@@ -184,7 +183,7 @@ def deviation_curves(
     sizes : array_like, shape (C, E), optional
         Errors eps at which spots are computed. [rad]
     errors : array_like, shape (C, 6), optional
-        Existing errors of the mounts, in the order of `mounts.ERRORS`. [rad]
+        Existing mount errors, in the order of `mounts.ERRORS`. [rad]
     """
     points = len(setting.kind)
     sizes = np.empty((points, 0)) if sizes is None else sizes
@@ -203,7 +202,7 @@ def deviation_curves(
 def curve_of(setting, p, face, source, axis, sky, h, t):
     """Return the deviation curve of parameter point p, heliostat h and instant t.
 
-    `sky` contains the sun, the pivots, the sizes of the errors, and the existing errors of the mounts.
+    `sky` contains the sun vectors, the pivots, the error sizes, and the existing mount errors.
     """
     sun, pivots, _, stood = sky
     i, j, e = min(p, len(sun) - 1), min(p, len(pivots) - 1), stood[p]
@@ -313,7 +312,7 @@ def _crossing(curve: Curve, series, closed: bool, aligned: bool, face: Matrix, l
 
 @inline
 def angle_of(cotangent: float) -> float:
-    """Return the angle of a cotangent, infinite if the cotangent is -infinity. [rad]"""
+    """Return the angle with a given cotangent, infinite if the cotangent is -infinity. [rad]"""
     return math.atan2(1.0, cotangent) if cotangent > -math.inf else math.inf
 
 
@@ -367,12 +366,12 @@ def canting_cotangent(
 ) -> float:
     """Return the cotangent of the tolerance to errors about an axis in the mirror, for a fixed mirror centre.
 
-    Arguments are the unit vector to the sun, the mirror normal, and the axis, which is perpendicular to the normal [1].
-    Further arguments are the mirror centre relative to the aim point [m], and the half sides of the aperture along Y
-    and Z [m]. The tolerance is atan2(1, cotangent), or infinite if the cotangent is -infinity. The spot without error
-    must be real and inside the aperture.
+    `sun`, `normal` and `axis` are unit vectors to the sun, along the mirror normal, and along an axis perpendicular to
+    the normal [1]. `centre` is the mirror centre relative to the aim point [m]. `half_width` and `half_height` are half
+    the sides of the aperture along Y and Z [m]. The tolerance is atan2(1, cotangent), or infinite if the cotangent is
+    -infinity. The error-free spot must be real and inside the aperture.
     """
-    # Four separate calls, because a loop would not be vectorised.
+    # Four separate calls are used, because a loop would not be vectorised.
     one, _ = crossing_cotangent(sun, normal, axis, centre, face, (1.0, 0.0, half_width))
     two, _ = crossing_cotangent(sun, normal, axis, centre, face, (-1.0, 0.0, half_width))
     three, _ = crossing_cotangent(sun, normal, axis, centre, face, (0.0, 1.0, half_height))
@@ -384,10 +383,10 @@ def canting_cotangent(
 def crossing_cotangent(
     sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Matrix, line: Vector
 ) -> tuple[float, float]:
-    """Return the first crossing of a line and the deviation curve of an axis in the mirror, for a fixed mirror centre.
+    """Return the first crossing of a line by the deviation curve of an axis in the mirror, for a fixed mirror centre.
 
-    Parameters are as in `canting_cotangent`. Returns the cotangent of the minimum |error| at which the spot is real and
-    on the line, or -infinity if there is no such error, and the sign of this error.
+    The parameters are as in `canting_cotangent`. Returns the cotangent of the minimum |error| at which the spot is real
+    and on the line, or -infinity if there is no such error, and the sign of this error.
     """
     lit = dot(sun, normal)
     lit_side = dot(sun, cross(axis, normal))
@@ -412,14 +411,14 @@ def crossing_cotangent(
 
 @inline
 def _homogeneous(p: Vector, r: Vector, face: Matrix) -> Vector:
-    """Return homogeneous coordinates U, V [m] and W [1] of the spot of a ray r from p."""
+    """Return the homogeneous coordinates U, V [m] and W [1] of the spot of a ray r from p."""
     moment = cross(p, r)
     return dot(face[2], moment), -dot(face[1], moment), -dot(face[0], r)
 
 
 @inline
 def spot_series(curve: Curve, face: Matrix) -> tuple[Series, Series, Series, Series]:
-    """Return trigonometric polynomials of the error: S.n, and U, V and W of the spot."""
+    """Return S.n and the spot coordinates U, V and W as trigonometric polynomials of the error."""
     sun, (n0, n1, n2) = curve.sun, curve.normal
     l0, l1, l2 = dot(sun, n0), dot(sun, n1), dot(sun, n2)
     once, twice = mixed(l1, n1, l2, n2), mixed(l1, n1, -l2, n2)
@@ -455,7 +454,7 @@ def _moment(curve, axis, sign, rays):
 
 @inline
 def line_series(series: tuple[Series, Series, Series, Series], line: Vector) -> tuple[Series, float]:
-    """Return the trigonometric polynomial g of a line, and a bound of the magnitude of its second derivative."""
+    """Return the trigonometric polynomial g of a line, and a bound on the magnitude of its second derivative."""
     _, u, v, w = series
     l0, l1, l2 = line
     g0, g1, h1 = l2 * w[0] - l0 * u[0] - l1 * v[0], l2 * w[1] - l0 * u[1] - l1 * v[1], l2 * w[2] - l0 * u[2] - l1 * v[2]
@@ -479,11 +478,11 @@ def _value_and_slope(series, c, s):
 def first_crossing(series, lines, side: float, limit: float) -> float:
     """Return the minimum |error| of sign `side` at which the spot is real and on one of the lines. [rad]
 
-    Arguments are the `spot_series` and the `line_series` of one or more lines. If there is more than one line (edges of
-    an aperture), g of the spot without error must be positive for all lines. No virtual crossing may then precede the
-    first real crossing. The result is infinite if there is no crossing up to `limit` [rad], or if the mirror turns away
-    from the sun before the crossing. The result is NaN if the search along the error does not converge within `_STEPS`
-    steps.
+    `series` is the `spot_series` of the curve, and `lines` contains the `line_series` of one or more lines. If there is
+    more than one line (edges of an aperture), g of the error-free spot must be positive for all lines. In this case, no
+    virtual crossing can precede the first real crossing. The result is infinite if there is no crossing up to `limit`
+    [rad], or if the mirror turns away from the sun before the crossing. The result is NaN if the search along the error
+    does not converge within `_STEPS` steps.
     """
     error, sign, cosine, sine, bright = 0.0, 0.0, 1.0, 0.0, 0.0
     for _ in range(_STEPS):
@@ -518,7 +517,7 @@ def first_crossing(series, lines, side: float, limit: float) -> float:
 
 @inline
 def _earliest_root(value: float, slope: float, bound: float) -> float:
-    """Return a lower bound of the distance to a root of a function with a bounded second derivative."""
+    """Return a lower bound on the distance to a root of a function with a bounded second derivative."""
     if not value > 0.0:
         return 0.0
     root = math.sqrt(slope * slope + 2.0 * bound * value)
@@ -531,9 +530,9 @@ def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: Arra
     Parameters
     ----------
     setting : Setting
-        Receiver and mount of P parameter combinations.
+        Receiver and mount for each of P parameter combinations.
     actual : array_like, shape (P or 1, H or 1, 6)
-        Actual errors of the mounts, in the order of `mounts.ERRORS`. [rad]
+        Actual mount errors, in the order of `mounts.ERRORS`. [rad]
     known : array_like, shape (P or 1, H or 1, 6)
         Errors that the tracking corrects. [rad]
     sun : array_like, shape (P or 1, T, 3)
@@ -544,7 +543,7 @@ def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: Arra
     Returns
     -------
     ndarray, shape (3, P, H, T)
-        Spots y and z on the plane of the receiver [m], NaN if there is no spot, and a status code of `mounts`.
+        Spot coordinates y and z on the receiver plane [m], NaN if there is no spot, and a status code from `mounts`.
     """
     values, _ = sampled(setting, np.asarray(actual)[:, :, None], known, sun, pivots, tolerances=False)
     return values[..., 0]
@@ -553,9 +552,9 @@ def mount_spots(setting: Setting, actual: ArrayLike, known: ArrayLike, sun: Arra
 def sampled(
     setting: Setting, actual: ArrayLike, known: ArrayLike, sun: ArrayLike, pivots: ArrayLike, tolerances: bool
 ) -> tuple[Floats, Floats]:
-    """Return spots y, z [m], status and remaining tolerances [rad] of K samples of errors, shape (3 or 5, P, H, T, K).
+    """Return spots y, z [m], status and remaining tolerances [rad] for K error samples, shape (3 or 5, P, H, T, K).
 
-    Also returns the status of aiming, shape (P, H, T). Arguments are as in `mount_spots`, but `actual` has the shape
+    Also returns the aiming status, shape (P, H, T). The arguments are as in `mount_spots`, but `actual` has the shape
     (P, H, K, 6).
     """
     arrays = [np.require(value, np.float64, ["C", "W"]) for value in (actual, known, sun, pivots)]
@@ -637,14 +636,14 @@ def spot_statistics(
     dict of ndarray, shape (P, H, T)
         ``mean_y``, ``mean_z`` [m], ``variance_y``, ``variance_z``, ``covariance`` [m^2] of the spots that reach the
         plane, with n - 1 in the denominator. The means are NaN if no spot reaches the plane, and the variances and the
-        covariance if fewer than two spots reach the plane. ``real_fraction``, ``hit_fraction``: fractions of the
-        samples whose spot reaches the plane and whose spot lies in the aperture (edges included). The fractions are NaN
-        if the sun is at or below the horizon. [1] ``status``: status of aiming, `mounts.REACHES`, `NO_SUN`,
-        `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the pivot is on the plane of the receiver or behind it.
-        ``tolerance``, shape (P, H, T, Q, 2): percentiles over all samples of the remaining tolerance about the
-        elevation axis, unit(n x z), and about the azimuth axis of the mirror, interpolated as in `numpy.percentile`.
-        The tolerance is 0 if the spot is not in the aperture, infinite if the spot does not leave it, and NaN if the
-        sun is at or below the horizon. [rad]
+        covariance are NaN if fewer than two spots reach the plane. ``real_fraction``, ``hit_fraction``: fraction of the
+        samples whose spot reaches the plane, and fraction of the samples whose spot lies in the aperture (edges
+        included). The fractions are NaN if the sun is at or below the horizon. [1] ``status``: aiming status,
+        `mounts.REACHES`, `NO_SUN`, `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the pivot is on the receiver plane or
+        behind it. ``tolerance``, shape (P, H, T, Q, 2): percentiles, over all samples, of the remaining tolerance about
+        the elevation axis, unit(n x z), and about the azimuth axis of the mirror, interpolated as in
+        `numpy.percentile`. The tolerance is 0 if the spot is not in the aperture, infinite if the spot does not leave
+        it, and NaN if the sun is at or below the horizon. [rad]
     """
     count = len(setting.kind), np.shape(pivots)[1]
     samples, corrected, places = (
@@ -653,7 +652,7 @@ def spot_statistics(
     suns = np.broadcast_to(sun, (count[0], *np.shape(sun)[1:]))
     wanted, shape = np.array(percentiles, np.float64), (*count, suns.shape[1])
     moments, tolerance = np.full((len(MOMENTS), *shape), np.nan), np.full((*shape, len(wanted), 2), np.nan)
-    step = max(1, 100_000 // samples.shape[2])  # number of instants at a time, which limits memory
+    step = max(1, 100_000 // samples.shape[2])  # number of instants at a time, to limit memory use
     for p, h in np.ndindex(*shape[:2]):
         ours, theirs, here = (each[p : p + 1, h : h + 1] for each in (samples, corrected, places))
         one = Setting._make(values[p : p + 1] for values in setting)
@@ -671,7 +670,7 @@ def spot_statistics(
 
 
 def _moments(y: Floats, z: Floats, status: Floats, width: float, height: float) -> list[Floats]:
-    """Return the moments of the spots that are not NaN, and the fractions of samples, in the order of `MOMENTS`."""
+    """Return the moments of the spots that are not NaN, and the sample fractions, in the order of `MOMENTS`."""
     real = ~np.isnan(y)
     count = np.count_nonzero(real, axis=-1)
     hits = np.count_nonzero((np.abs(y) <= width) & (np.abs(z) <= height), axis=-1)

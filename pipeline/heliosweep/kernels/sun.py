@@ -53,9 +53,9 @@ def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np
     """Return apparent sun vectors, raised towards the zenith by atmospheric refraction, shape (..., 3). [1]
 
     `sun` contains geometric unit vectors, east, north, up. `pressure` [Pa] and `temperature` [deg C] describe the air
-    at the site. The SPA uses the formula of Saemundsson: Reda, I. and Andreas, A. (2004). Solar position algorithm for
-    solar radiation applications. Solar Energy 76, 577-589, section 3.14.2. doi:10.1016/j.solener.2003.12.003. Sun
-    vectors below -0.8333 deg, when the whole disc has set, are not changed.
+    at the site. Saemundsson's formula is applied as in the SPA: Reda, I. and Andreas, A. (2004). Solar position
+    algorithm for solar radiation applications. Solar Energy 76, 577-589, section 3.14.2.
+    doi:10.1016/j.solener.2003.12.003. Vectors below -0.8333 deg are not changed, because the whole disc has set.
     """
     vectors = np.asarray(sun, np.float64)
     level = np.hypot(vectors[..., 0], vectors[..., 1])
@@ -71,11 +71,11 @@ def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np
 
 #: Nanoseconds in a day.
 DAY = 86_400_000_000_000
-#: Number of quantities of a node: geocentric unit vector to the sun (x, y, z), and sine of its horizontal parallax.
+#: Number of quantities at each node: geocentric unit vector to the sun (x, y, z), and sine of its horizontal parallax.
 QUANTITIES = 4
-#: Number of instants in a batch, so that data common to all sites remain in the processor cache.
+#: Number of instants in a batch, small enough that data common to all sites remain in the processor cache.
 CHUNK = 1024
-#: Ratio of the polar to the equatorial radius of the Earth, and its equatorial radius. [1, m]
+#: Ratio of the Earth's polar radius to its equatorial radius [1], and the Earth's equatorial radius [m].
 _FLATTENING, _EQUATORIAL_RADIUS = 0.99664719, 6378140.0
 _C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
 _S3, _S5, _S7, _S9, _S11, _S13, _S15 = ((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
@@ -123,13 +123,13 @@ def sun_at_sites(
     sites: Floats,
     sun: Floats,
 ) -> None:
-    """Write unit vectors to the sun, without refraction, for all sites at all instants, to `sun`.
+    """Write the unit vectors to the sun, without refraction, for all sites and instants to `sun`.
 
-    `utc` contains nanoseconds since 1970-01-01 0 h UT, shape (T,). `delta_t` is the terrestrial minus universal time of
-    each day from `first_day` (days since 1970) [s]. `pieces` come from `daily_splines`, for days of terrestrial time
-    from day `first_piece` (days since 1970); their right ascensions exclude the equation of the equinoxes. `sites`
-    contains geographic latitude and longitude, positive north and east [rad], and altitude [m], shape (S, 3). The
-    results in `sun`, shape (S, T, 3), have the components east, north, up [1].
+    `utc` contains nanoseconds since 1970-01-01 0 h UT, shape (T,). `delta_t` is terrestrial time minus universal time
+    on each day from `first_day` on (days since 1970) [s]. `pieces` contains splines from `daily_splines` for the days
+    of terrestrial time from `first_piece` on (days since 1970); their right ascensions exclude the equation of the
+    equinoxes. `sites` contains geographic latitude and longitude, positive north and east [rad], and altitude [m],
+    shape (S, 3). The results in `sun`, shape (S, T, 3), have the components east, north, up [1].
     """
     place = np.zeros((QUANTITIES + 4, CHUNK))  # three additional rows for vectors of a site
     for start in range(0, len(utc), CHUNK):
@@ -162,7 +162,7 @@ def _geocentric(
 
 @inline
 def _cosine_and_sine(turns: float) -> tuple[float, float]:
-    """Return cosine and sine of an angle in turns by Taylor series, which the compiler vectorises."""
+    """Return the cosine and sine of an angle [turn] from Taylor series, which the compiler vectorises."""
     quarters = np.floor(4.0 * turns + 0.5)
     x = 2.0 * math.pi * (turns - 0.25 * quarters)
     q = x * x  # at most (pi / 4)^2, so the omitted terms are below 5e-17

@@ -1,8 +1,8 @@
 """Radial brightness of the sun and its aureole, represented by rings that each have a share of the light.
 
-A sun shape is a brightness B(r) over the angle r from the sun's centre. A sun shape is stored as rings of radius r with
-the share 2 pi r B(r) dr of all light, at Gauss-Legendre nodes. The sun shape of Buie [1]_ is a disc with a tail of
-scattered light, the aureole.
+A sun shape is the brightness B(r) as a function of the angle r from the sun's centre. A sun shape is stored as rings at
+Gauss-Legendre nodes; a ring of radius r has the share 2 pi r B(r) dr of the light. The Buie sun shape [1]_ is a disc
+with a tail of scattered light, the aureole.
 
 References
 ----------
@@ -27,7 +27,7 @@ DISC = 4.65e-3
 GAUSSIAN = 2.73e-3
 #: Limb darkening: relative reduction of the brightness at the limb. [1]
 LIMB = 0.56
-#: Minimum and maximum circumsolar ratio of the formula of Buie.
+#: Minimum and maximum circumsolar ratio for the Buie formula.
 CSR = (0.001, 0.8)
 
 _NODES = 96
@@ -45,7 +45,7 @@ class SunShape(NamedTuple):
 
     @property
     def spread(self) -> float:
-        """Variance of all light per axis. [rad^2]"""
+        """Variance of the light per axis. [rad^2]"""
         return self.variance + float(np.sum(self.share * self.radius**2)) / 2
 
 
@@ -57,7 +57,7 @@ def pillbox() -> SunShape:
 
 @cache
 def gaussian() -> SunShape:
-    """Return a Gaussian with a standard deviation of 2.73 mrad per axis."""
+    """Return a Gaussian sun with a standard deviation of 2.73 mrad per axis."""
     return SunShape(np.zeros(1), np.ones(1), GAUSSIAN**2)
 
 
@@ -69,7 +69,7 @@ def limb_darkened() -> SunShape:
 
 @cache
 def jose() -> SunShape:
-    """Return the disc of Jose that backward gazing uses (`heliosweep.kernels.profiles.jose`)."""
+    """Return the disc with Jose's profile, as used in backward gazing (`heliosweep.kernels.profiles.jose`)."""
     profile = jose_profile()
     return _rings((0.0, profile.radius), lambda r: render(profile, r))
 

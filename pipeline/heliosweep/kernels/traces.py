@@ -1,4 +1,4 @@
-"""Traces of the reflecting cylinders of a heliostat on the receiver's plane, and crossings with detectors.
+"""Traces of a heliostat's reflecting cylinders on the receiver plane, and their crossings with detectors.
 
 Two small cylinders (or rotating prisms) are at the centre of the mirror. One cylinder lies along the elevation axis e
 of the mirror, the other along the line b up the slope of the mirror. A cylinder with the axis a reflects the sun's rays
@@ -19,7 +19,7 @@ both roots are equal. The cylinder's normal at the crossing is along S + v / |v|
 
 The axes e and b belong to the mirror on its mount (`mounts.stand`), and rotate with every error.
 
-All functions use NumPy. Arguments broadcast, and the last axis has the three components of a vector.
+All functions use NumPy. Arguments broadcast, and the last axis contains the three components of a vector.
 """
 
 from __future__ import annotations
@@ -45,18 +45,21 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def reflected(normal: Floats, sun: Floats) -> Floats:
-    """Return the directions of the sun's rays after reflection. [1]"""
+    """Return the directions of the reflected sun rays. [1]"""
     return 2.0 * dot(normal, sun)[..., np.newaxis] * normal - sun
 
 
 def turned(axis: Floats, vector: Floats, angle: float) -> Floats:
-    """Return vectors rotated about unit axes by an angle. [rad]"""
+    """Return vectors rotated about unit axes by an angle [rad]."""
     still = dot(axis, vector)[..., np.newaxis] * axis
     return still + np.cos(angle) * (vector - still) + np.sin(angle) * np.cross(axis, vector)
 
 
 def spots(centre: Floats, rays: Floats, face: Floats) -> Floats:
-    """Return points y, z of rays on the plane of the face (rows X, Y, Z), shape (..., 2); NaN if a ray misses. [m]"""
+    """Return the points (y, z) at which rays meet the plane of a face, shape (..., 2); NaN for rays that miss. [m]
+
+    The rows of `face` are the axes X, Y, Z of the face.
+    """
     before, towards = dot(centre, face[0]), -dot(rays, face[0])
     with np.errstate(divide="ignore", invalid="ignore"):
         length = np.where((before > 0) & (towards > 0), before / towards, np.nan)
@@ -69,8 +72,8 @@ def beam_outline(
 ) -> Floats:
     """Return the outline of the spot of a conical beam about a central ray, shape (..., count, 2). [m]
 
-    The half angle is in rad, and the radius of the beam at the mirror is in m. Points of the outline are NaN for rays
-    that miss the plane.
+    `half_angle` is the half-angle of the beam [rad], and `radius` is its radius at the mirror [m]. Points of the
+    outline are NaN for rays that miss the plane.
     """
     side = _unit(np.cross(ray, face[2]))
     turn = 2.0 * np.pi * np.arange(count) / count
@@ -139,11 +142,11 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
 
 
 def mirror_angles(frame: Floats, sun: Floats, to_elevation: Floats, to_azimuth: Floats) -> Floats:
-    """Estimate the angles of a mount from one point of each trace.
+    """Estimate the angles of a mount from one point on each trace.
 
     The estimate is exact if the only errors are encoder references and all offsets are zero. Let k be the bisector of
-    the directions to the sun and to a point of a trace. For all points of the elevation trace, the primary angle of k
-    equals the primary angle of the mirror. For all points of the azimuth trace, k has a constant ratio of two
+    the directions to the sun and to a point on a trace. For all points on the elevation trace, the primary angle of k
+    equals the primary angle of the mirror. For all points on the azimuth trace, k has a constant ratio of two
     components: the component along the primary axis, and the component in the perpendicular plane at the primary angle
     of the mirror.
 
@@ -152,7 +155,7 @@ def mirror_angles(frame: Floats, sun: Floats, to_elevation: Floats, to_azimuth: 
     frame, sun
         Frames of the mounts, as in `stand`, and unit vectors to the sun, as in `crossings`.
     to_elevation, to_azimuth : ndarray, shape (..., 3)
-        Vectors from the pivot to one point of the elevation trace and one point of the azimuth trace. [m]
+        Vectors from the pivot to one point on the elevation trace and one point on the azimuth trace. [m]
 
     Returns
     -------

@@ -15,8 +15,8 @@ PACKET = 64
 #: Packets are padded to a multiple of this number of lanes, which is the vector length of the widest processors.
 GROUP = 8
 
-#: Distance between the starts of successive rows, in numbers. The distance is larger than `PACKET`.
-#: At the distance `PACKET`, a power of two, rows of short packets would share one eighth of the cache's sets.
+#: Distance between the starts of successive rows, in floats. The distance is larger than `PACKET`.
+#: At a distance of `PACKET`, a power of two, the rows of short packets would share one eighth of the cache sets.
 ROW = PACKET + GROUP
 
 
@@ -66,7 +66,7 @@ def store(numbers, at, k, v):
 
 @inner
 def next_run(start, some, lanes):
-    """Return start and end of the next run of lane groups with marked lanes; start equals end if there is no run."""
+    """Return the start and end of the next run of lane groups with marked lanes; both are equal if there is no run."""
     while start < lanes and some >> start & (1 << GROUP) - 1 == 0:
         start += GROUP
     stop = start
@@ -107,7 +107,7 @@ def mixed(f: float, a: Vector, g: float, b: Vector) -> Vector:
 
 @inline
 def unit(a: Vector) -> Vector:
-    """Return the direction of a vector, NaN for a zero vector."""
+    """Return the unit vector in the direction of a vector, NaN for a zero vector."""
     length = math.sqrt(dot(a, a))
     return a[0] / length, a[1] / length, a[2] / length
 

@@ -1,4 +1,4 @@
-"""Rays on a graphics processor: refusals, and the device's code on a device or in numba's simulator."""
+"""Rays on a GPU: refusals, and the device's code on a device or in numba's simulator."""
 
 import os
 import subprocess

@@ -1,11 +1,11 @@
 """Cosine, shading, blocking and optical efficiency of heliostats in a field, as sums over periods or at each instant.
 
-Instants are sorted into packets of similar sun directions. For each packet and heliostat, `sweep` finds the heliostats
-that may shade or block, projects them onto the mirror, and computes the area of the union of their images. A mirror's
-frame is computed only when an image first needs it.
+Instants are sorted into packets with similar sun directions. For each packet and heliostat, `sweep` finds the
+heliostats that may shade or block it, projects them onto the mirror, and computes the area of the union of their
+images. A mirror's frame is computed only when an image first needs it.
 
-The values of a heliostat at an instant are bitwise equal, however the heliostats and instants are divided among calls.
-Rounding errors of sums depend on the order of the packets, which follows from the sun vectors alone.
+The values of a heliostat at an instant are bitwise identical, no matter how heliostats and instants are divided among
+calls. Rounding errors of sums depend on the order of the packets, which follows from the sun vectors alone.
 
 Outlines of shadows and blocked parts are images of other mirrors, clipped at the edges of the test mirror.
 """
@@ -47,13 +47,13 @@ from heliosweep.kernels.vectors import GROUP, ROW, dot, get, put, rows, store
 
 
 class SortedField(NamedTuple):
-    """The mirrors of a field, sorted by the cells of a grid."""
+    """The mirrors of a field, sorted by grid cell."""
 
     mirrors: Mirrors
     cells: Cells
-    #: Number of each heliostat before sorting.
+    #: Index of each heliostat before sorting.
     names: Integers
-    #: Radius and top height of a tower at x = y = 0 that shades the mirrors; 0 without a tower. [m]
+    #: Radius and top height of a tower at x = y = 0 that shades the mirrors; 0 if there is no tower. [m]
     tower: Floats
 
 
@@ -73,7 +73,7 @@ def sorted_field(
     x: Floats, y: Floats, z: Floats, half_width: Floats, half_height: Floats, target_height: float | Floats,
     tower: tuple[float, float] | None = None,
 ) -> SortedField:  # fmt: skip
-    """Sort the mirrors of a field by the cells of a grid.
+    """Sort the mirrors of a field by grid cell.
 
     Several calls of `field_energies` and similar functions can use one sorted field.
 
@@ -82,7 +82,7 @@ def sorted_field(
     x, y, z : ndarray, shape (N,)
         Mirror centres: east, north, up. [m]
     half_width, half_height : ndarray, shape (N,)
-        Half sides of the mirrors along u (width) and v (height). [m]
+        Half the width (along u) and half the height (along v) of each mirror. [m]
     target_height : float or ndarray, shape (N, 3)
         Height of the target point at x = y = 0, or the aim point of each mirror. [m]
     tower : (float, float), optional
@@ -128,8 +128,8 @@ def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop:
     Raises
     ------
     ValueError
-        If start..stop is not within the field, the tracking method is unknown, or a sun vector above the horizon is not
-        finite.
+        If start..stop is not within the field, if the tracking method is unknown, or if a sun vector above the horizon
+        is not finite.
     """
     sums = field_energies(field, tracking, sun, start, stop, np.ones(len(sun)), np.zeros(len(sun), np.int64), 1)
     return sums[:, 0, [0, 1, 2, 3, 5]], int(np.count_nonzero(sun[:, 2] > 0.0))
@@ -171,7 +171,9 @@ def field_energies(
     """
     weight, period = np.array(weight, np.float64), np.array(period, np.int64)
     if weight.shape != (len(sun),) or period.shape != (len(sun),) or not np.all((period >= 0) & (period < periods)):
-        raise ValueError(f"weights must be of shape ({len(sun)},), and periods too, from 0 to {periods - 1}")
+        raise ValueError(
+            f"weights and periods must have shape ({len(sun)},), and periods must be from 0 to {periods - 1}"
+        )
     sums = np.zeros((stop - start if stop > start else 0, periods, _QUANTITIES))
     _sweep(field, tracking, sun, start, stop, np.empty((4, 0, 0)), weight, period, sums)
     return sums
@@ -226,15 +228,16 @@ def _sweep(
 
 #: Number of sums for each heliostat and period.
 _QUANTITIES = 7
-#: Maximum number of packets whose candidates are searched together; each packet then tests these candidates.
-#: Maximum sine of the half-angle of the directions in these packets, divided by the sine of the lowest elevation.
+#: `_TOGETHER`: Maximum number of packets whose candidates are searched together. Each packet tests these candidates.
+#: `_WIDEST`: Maximum sine of the half-angle of the directions in these packets.
+#: The sine `_WIDEST` is relative to the sine of the lowest elevation.
 _TOGETHER, _WIDEST = 8, 8.0
 #: Number of frames of full packets after which all frames are discarded, because more would not fit in the cache.
 _KEPT = 1000
 
 
 class Lines(NamedTuple):
-    """Values for one packet and test heliostat, in rows with one element for each lane, and frames of mirrors."""
+    """Values for one packet and one test heliostat, in rows with one element per lane, and mirror frames."""
 
     #: Unit vectors to the sun and to the target of the test heliostat. [1]
     to_sun: Floats
@@ -278,7 +281,7 @@ def sweep(
     mirrors, cells : Mirrors, Cells
         Sorted mirrors and grid cells, from `packets.by_cells`.
     tower : ndarray, shape (2,)
-        Radius and top height of the tower, 0 without a tower. [m]
+        Radius and top height of the tower; 0 if there is no tower. [m]
     tracking : int
         Code of the tracking method.
     sun : ndarray, shape (T, 3)
@@ -297,7 +300,7 @@ def sweep(
         Weighted sums over each period of the seven quantities that `field_energies` returns.
     """
     count = mirrors.throw.shape[0]
-    # Arrays for 16 images. Unused rows of `frames` do not occupy memory.
+    # The arrays hold 16 images. Unused rows of `frames` do not occupy memory.
     found, place, frames = np.empty(count + 1, np.int64), np.empty(count, np.int64), rows((_KEPT + 18) * 7)
     lines, images, room = (
         Lines(rows(3), rows(3), rows(6), rows(3), rows(1), rows(_QUANTITIES), frames, place),

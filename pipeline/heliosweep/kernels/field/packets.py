@@ -28,9 +28,9 @@ from heliosweep.kernels.mounts import AZIMUTH_ELEVATION as AZIMUTH_ELEVATION
 from heliosweep.kernels.mounts import TARGET_ALIGNED
 from heliosweep.kernels.vectors import GROUP, PACKET, ROW, Vector, cross, dot, load, mixed, put, scaled, store
 
-#: Maximum of the number of lanes times the width of a packet, divided by the sine of its minimum elevation.
+#: Limit on the number of lanes times the width of a packet, divided by the sine of the packet's minimum elevation.
 #: Smaller packets repeat the search too often, and wider packets have too many candidates.
-#: The value was measured and is not critical: half or twice the value costs a few per cent more time for low suns.
+#: The value was measured and is not critical: half or twice the value costs a few per cent more time at low sun.
 #: With thousands of instants, only packets with the lowest sun elevations reach the limit.
 _LIMIT = 480.0
 
@@ -105,7 +105,7 @@ class Mirrors(NamedTuple):
 
     #: Centres: east, north, up, shape (N, 3). [m]
     centre: Floats
-    #: Half sides along u and along v, shape (N, 2). [m]
+    #: Half the width (along u) and half the height (along v), shape (N, 2). [m]
     half: Floats
     #: Radius of the bounding sphere, shape (N,). [m]
     radius: Floats
@@ -148,7 +148,7 @@ def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, t
         store(frames, f + 3 * ROW, k, scaled(half_height * inverse, cross(n, u)))
 
 
-#: Safety factor of all bounds: far larger than rounding errors, but too small to add candidates.
+#: Safety factor for all bounds: far larger than rounding errors, but too small to add candidates.
 _SLACK = 1.0 + 1e-9
 
 
@@ -162,14 +162,14 @@ class Cells(NamedTuple):
     cell: float
     columns: int
     rows: int
-    #: Maximum height difference of two centres. [m]
+    #: Maximum height difference between two centres. [m]
     rise: float
     #: Maximum bounding radius. [m]
     radius: float
 
 
 class Beam(NamedTuple):
-    """Bundle of directions that all lie within a certain angle from an axis."""
+    """Bundle of directions within a given angle of an axis."""
 
     axis: Vector
     #: Cosine of the half-angle.
@@ -185,7 +185,7 @@ class Beam(NamedTuple):
 
 
 def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells, Integers]:
-    """Sort mirrors by the cells of a grid, so that close mirrors are close in memory.
+    """Sort mirrors by grid cell, so that neighbouring mirrors are close in memory.
 
     Returns the sorted mirrors, the cells, and the original index of each sorted mirror.
     """

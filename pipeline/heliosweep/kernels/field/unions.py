@@ -2,7 +2,7 @@
 
 The test mirror, scaled by its half sides, is the square [-1, 1] x [-1, 1]. A polygon is a counter-clockwise list of
 corners x, y, x, y, ... in a flat array; the start and the number of corners of each polygon are stored separately. All
-functions are continuous in the corners, so coincident or nearly coincident edges cause rounding errors only.
+functions are continuous in the corners, so coincident or nearly coincident edges cause only rounding errors.
 
 Let C be the centre of the test mirror, u and v its half sides, and d the direction to the sun or the target. A point C
 + q is projected along d to (q.U, q.V) on the plane of the test mirror, where U = (v x d) / (u.(v x d)) and V = (d x u)
@@ -13,8 +13,8 @@ If no four images of a lane overlap, the area of the union is the sum of the are
 plus the common areas of triples. If four images overlap, the images of the lane are subtracted from the square one by
 one. Images are also subtracted one by one if edges coincide (tie), or if a mirror crosses the plane of the test mirror.
 
-Sets of lanes are integers with a bit for each lane. The method for a lane depends only on the images in this lane,
-which keep the order of the search. The result of a lane therefore does not depend on its packet.
+Sets of lanes are stored as integers with one bit per lane. The method for a lane depends only on the images in this
+lane, which keep the order of the search. The result of a lane therefore does not depend on its packet.
 
 The common area of the square and two images follows from the boundary of the first image within the square. This
 boundary has eight parts: the parts of the four edges of the image within the square, and the parts of the square's
@@ -37,7 +37,7 @@ from heliosweep.kernels.vectors import ROW, Vector, cross, dot, get, load, load2
 SQUARE = 4.0
 #: Maximum number of corners of an image: four, and one more if a plane cuts off a corner.
 CORNERS = 5
-#: Values for the four edges of an image.
+#: One value for each of the four edges of an image.
 Four = tuple[float, float, float, float]
 
 
@@ -176,7 +176,7 @@ def crossing(polygons: Floats, at: int, corners: int, pieces: Floats, piece: int
 
 @inner
 def within(pieces: Floats, piece: int, size: int, polygons: Floats, at: int, corners: int) -> tuple[int, int]:
-    """Clip a piece at the edges of a polygon; return start and number of corners of the remainder (0 if empty).
+    """Clip a piece at the edges of a polygon; return the start and number of corners of the rest (0 if empty).
 
     The piece begins at 0 or at one third of `pieces`; the rest of the array is scratch space.
     """
@@ -241,7 +241,7 @@ class Images(NamedTuple):
 
     #: Rows of the images, `IMAGE` floats per image.
     rows: Floats
-    #: Lanes in which each image covers part of the test mirror, a bit for each lane.
+    #: Lanes in which each image covers part of the test mirror, one bit per lane.
     present: Integers
     #: Lanes in which part of the projected mirror lies behind the plane of the test mirror and is cut off.
     behind: Integers
@@ -321,8 +321,9 @@ def project_tower(
     in front of the axis. The shadow of this rectangle has a straight end, and its area equals the area of the
     cylinder's shadow. The tower is treated as if it had no lower end.
 
-    Parameters are as in `project`. `base` is the vector from the centre of the test mirror to the foot of the tower.
-    The rectangle begins `low` below this centre, and `tower` contains the radius and top height of the tower. [m]
+    `base` is the vector from the centre of the test mirror to the foot of the tower [m]. The rectangle begins `low`
+    below this centre, and `tower` contains the radius and top height of the tower, all in m. The other parameters are
+    as in `project`.
     """
     o, found, behind = m * IMAGE, np.int64(0), np.int64(0)
     half, front = 0.5 * (base[2] + tower[1] + low), 0.25 * math.pi * tower[0]
@@ -610,8 +611,9 @@ def _subtract(images, shading, count, k, total, room):
     total[_BLOCK + k] = SQUARE - room.open[1]
 
 
-#: Minimum edge component perpendicular to a side of the square, minimum distance from the side, and minimum area.
 #: In lanes below these limits, images are subtracted from the square one by one.
+#: `_ALONG`: Minimum edge component perpendicular to a side of the square.
+#: `_NEXT`: Minimum distance of an edge from a side of the square. `_THIN`: Minimum area.
 _ALONG, _NEXT, _THIN = 1e-3, 2e-3, 1e-6
 
 

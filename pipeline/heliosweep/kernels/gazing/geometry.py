@@ -1,4 +1,4 @@
-"""Geometry and images of backward gazing: frames, cameras, modules, pixels, and rays traced back to the sun.
+"""Geometry and images for backward gazing: frames, cameras, modules, pixels, and rays traced back to the sun.
 
 Frames follow [1]_. R_F has x south, y east, z up and its origin O' at the target centre. Azimuths in this module are
 measured from south towards east. `basis(a, h)` rotates R_F to a frame whose x axis has azimuth a and elevation h. The
@@ -6,35 +6,35 @@ rotation is B_S for x towards the sun, B_H for x along the ideal normal of the m
 direction from the mirror to the target. Seen from the target, the mirror's y axis points to the right and its z axis
 up.
 
-The ideal mirror of the reconstruction is the series expansion of a sphere with the focal length f (Eqs. 1 and 2 with D
-= f). Slopes p = (p_y, p_z) are deviations from the ideal mirror: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2
-f, and b likewise. Camera i at M_i lies in the direction R = unit(M_i - P) from the pixel P. In this pixel, the camera
-sees the point of the sun's disc in the direction S = 2 (N.R) N - R. The 2nd and 3rd components v and w of B_S S give
-the angle eps_i from the disc centre, sin eps_i = |(v, w)| (Eqs. 4 to 6).
+The ideal mirror of the reconstruction is the series expansion of a sphere with focal length f (Eqs. 1 and 2 with D =
+f). Slopes p = (p_y, p_z) are deviations from the ideal mirror: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2 f,
+and b likewise. Camera i at M_i lies in the direction R = unit(M_i - P) from the pixel P. In this pixel, the camera sees
+the point of the sun's disc in the direction S = 2 (N.R) N - R. The 2nd and 3rd components v and w of B_S S give the
+angle eps_i from the disc centre, sin eps_i = |(v, w)| (Eqs. 4 to 6).
 
 The kernels compute values only for pixels on modules, row by row; `maps` arranges these values on the grid.
 
-Images of a heliostat are rendered directly on the grid of the mirror, or rendered by pinhole cameras and then rectified
-to this grid. The rendered surface differs from the ideal mirror of the reconstruction. Each module is part of an exact
-sphere; canting rotates the module about the module's centre. Pointing rotates the whole heliostat about the heliostat's
-centre, and waviness adds slopes. The brightness at a pixel of the mirror follows from the ray that is traced back from
-the camera to this pixel and on to the sun's disc.
+Images of a heliostat are rendered directly on the mirror grid, or rendered as pinhole camera images and then rectified
+to the mirror grid. The rendered surface differs from the ideal mirror of the reconstruction. Each module is part of an
+exact sphere; canting rotates the module about its centre. Pointing rotates the whole heliostat about its centre, and
+waviness adds slopes. The brightness at a mirror pixel is found by tracing a ray back from the camera to the pixel and
+on to the sun's disc.
 
 Pinhole camera i is at M_i and looks at the heliostat's centre. The camera is upright, except for its roll angle. Its
 pixels are square. Columns u count to the right and rows v down, and the centre of the first pixel is at (0, 0).
 The brightness of a pixel is the mean over n x n points. The ray through a point hits the first module on its path.
 `Modules` contains the rectangle of each module before the rotations.
 
-The pinhole geometry gives the image position (u, v) of the point of the ideal surface at each pixel of the mirror. If
-the corners of the heliostat are marked in the image, a homography maps the predicted corners to the marked corners. The
+The pinhole geometry gives the image position (u, v) of the point of the ideal surface at each mirror pixel. If the
+corners of the heliostat are marked in the image, a homography maps the predicted corners to the marked corners. The
 homography corrects the pointing, roll and focal length of the camera. The geometry accounts for the mirror's sag, which
-a homography of a plane cannot describe. The brightness at a position is interpolated by the cubic of Keys [2]_ over 4 x
-4 pixels.
+a homography of a plane cannot describe. The brightness at a position is interpolated by Keys' cubic [2]_ over 4 x 4
+pixels.
 
-A pixel of the mirror is used only if its 4 x 4 image pixels lie within the image and on one module. None of the 16
-image pixels may be saturated or NaN. The 16 image pixels must be all lit or all dark, so that neither the sun's limb
-nor dirt crosses them. Interpolation multiplies noise by the root of the sum of squared weights, which is 1 at a pixel
-and decreases to 0.41 between pixels.
+A mirror pixel is used only if its 4 x 4 image pixels lie within the image and on one module. None of the 16 image
+pixels may be saturated or NaN. The 16 image pixels must be all lit or all dark, so that neither the sun's limb nor dirt
+crosses them. Interpolation multiplies the noise by the root of the sum of squared weights. This factor is 1 at the
+centre of an image pixel and decreases to 0.64 at the corner between four image pixels.
 
 References
 ----------
@@ -99,7 +99,7 @@ class Modules(NamedTuple):
     Attributes
     ----------
     centre : ndarray, shape (M, 2)
-        Coordinates (y, z) of the module centres in the mirror frame, from the heliostat's centre. [m]
+        Coordinates (y, z) of the module centres in the mirror frame, relative to the heliostat's centre. [m]
     size : ndarray, shape (M, 2)
         Width along y and height along z. [m]
     """
@@ -134,7 +134,7 @@ class MirrorGrid(NamedTuple):
 
 
 def basis(azimuth: float, elevation: float) -> Floats:
-    """Return the axes of a frame whose x axis has an azimuth (from south towards east) and an elevation. [rad]
+    """Return the axes of a frame whose x axis has a given azimuth (from south towards east) and elevation. [rad]
 
     The rows are x = (ca ch, sa ch, sh), y = (-sa, ca, 0) and z = (-ca sh, -sa sh, ch) in R_F, shape (3, 3). [1]
     """
@@ -147,19 +147,19 @@ def camera_square(radius: float, arrangement: str = "square") -> Floats:
 
     Each camera is at the distance `radius` [m] from the target centre. For a target that faces north, y'' points east
     and z'' up. `square`: (-a, a), (a, a), (-a, -a), (a, -a) with a = radius / sqrt 2; `cross`: (0, r), (-r, 0), (r, 0),
-    (0, -r). ValueError is raised for any other arrangement.
+    (0, -r). Raises ValueError for any other arrangement.
     """
     if arrangement == "square":
         return radius / math.sqrt(2.0) * np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     if arrangement == "cross":
         return radius * np.array([[0.0, 1.0], [-1.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
-    raise ValueError(f"unknown arrangement of cameras {arrangement!r}")
+    raise ValueError(f"unknown camera arrangement {arrangement!r}")
 
 
 def in_space(places: Floats, tilt: float, face: float) -> Floats:
     """Convert positions (y'', z'') in the plane of the target, shape (K, 2), to R_F, shape (K, 3). [m]
 
-    The target leans by `tilt` (Eq. 3); a target with a positive tilt faces down to the mirrors. `face` rotates the
+    The target leans by `tilt` (Eq. 3); a target with a positive tilt faces down towards the mirrors. `face` rotates the
     target about the vertical, from south towards east. [rad]
     """
     leaning = np.stack((-math.sin(tilt) * places[:, 1], places[:, 0], math.cos(tilt) * places[:, 1]), axis=1)
@@ -168,7 +168,7 @@ def in_space(places: Floats, tilt: float, face: float) -> Floats:
 
 
 def in_line(places: Floats) -> bool:
-    """Return True if points of a plane, shape (K, 2), are collinear within one millionth of their spread."""
+    """Return True if points in a plane, shape (K, 2), are collinear within one millionth of their spread."""
     spread = places - places.mean(axis=0)
     spread /= np.abs(spread).max() or 1.0  # avoids overflow of squares of large coordinates
     yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
@@ -184,7 +184,7 @@ def scene(
     tilt: float = math.radians(30.0),
     face: float = 0.0,
 ) -> Scene:
-    """Return the scene of a mirror, target, cameras and sun, which is common to all pixels of the mirror.
+    """Return the scene (mirror, target, cameras and sun) that is common to all mirror pixels.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def scene(
     ------
     ValueError
         If a length is not positive, if sun and target are in opposite directions, if there are fewer than 3 cameras, or
-        if all cameras lie in one line as seen from the mirror.
+        if all cameras are collinear as seen from the mirror.
     """
     places = np.asarray(cameras, np.float64)
     if not (distance > 0.0 and focal_length > 0.0):
@@ -252,10 +252,10 @@ def transfers(layout: Scene) -> Floats:
 
 
 def themis_8() -> Modules:
-    """Return the modules of a heliostat similar to THEMIS: 2 columns of 4 modules of 3.6 m x 1.8 m, with gaps of 5 cm.
+    """Return the modules of a THEMIS-like heliostat: 2 columns of 4 modules of 3.6 m x 1.8 m, with gaps of 5 cm.
 
-    Numbers 1 to 4 are the left column (y < 0, seen from the target) from the top, and numbers 5 to 8 the right column.
-    The positions of the modules are assumed, because no positions are published.
+    Modules 1 to 4 form the left column (y < 0, seen from the target) from top to bottom, and modules 5 to 8 the right
+    column. The positions of the modules are assumptions, because no positions have been published.
     """
     size = 3.6, 1.8
     across, down = size[0] + 0.05, size[1] + 0.05
@@ -358,9 +358,9 @@ def mirror_offsets(
     """Return the point of the sun's disc that a camera sees in a mirror with the normal N ~ (1, a, b).
 
     `a` and `b` are the slopes of the ideal mirror plus p [rad]. `rx`, `ry` and `rz` are the components of the unit
-    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are two vectors of `Scene`. Returns the 2nd and 3rd
-    components v and w of B_S S [1], and their derivatives dv/da, dv/db, dw/da, dw/db with respect to p_y and p_z
-    [1/rad].
+    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are the vectors of the same name in `Scene`. Returns
+    the 2nd and 3rd components v and w of B_S S [1], and their derivatives dv/da, dv/db, dw/da, dw/db with respect to
+    p_y and p_z [1/rad].
     """
     scale = 2.0 / (1.0 + a * a + b * b)
     along = rx + a * ry + b * rz
@@ -378,16 +378,19 @@ def mirror_offsets(
 
 
 def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats, ...]:
-    """Return `mirror_offsets` for all cameras, shape (K, N), at points (x, y, z) of a mirror, shape (3, N) [m]."""
+    """Return `mirror_offsets` for K cameras at N mirror points, as arrays of shape (K, N).
+
+    `points` contains the coordinates (x, y, z) of the points, shape (3, N) [m], and `a` and `b` the slopes [rad].
+    """
     rays: Any = unit(*(layout.eyes.T[:, :, np.newaxis] - points[:, np.newaxis]))
     return mirror_offsets(a, b, *rays, layout.sun_y, layout.sun_z)
 
 
-#: Brightness of the maximum level of a camera, relative to the disc centre.
+#: Brightness at the maximum level of a camera, relative to the disc centre.
 FULL_SCALE = 1.25
-#: Number of plane waves of a wavy surface.
+#: Number of plane waves in a wavy surface.
 WAVES = 48
-#: Bit flags of the reasons for excluding a camera at a pixel of the mirror, compatible with the flags of `slopes`.
+#: Bit flags for the reasons to exclude a camera at a mirror pixel, compatible with the flags in `slopes`.
 OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 64, 8, 16, 32, 4
 
 
@@ -426,8 +429,8 @@ class Heliostat(NamedTuple):
     half : ndarray, shape (M, 2)
         Half the width along y and half the height along z of each module. [m]
     waves : list of (ndarray, ndarray)
-        Slopes of waviness of each module, shape (2, rows, columns) [rad], with z and y of the first pixel and the pixel
-        size [m]. The list is empty without waviness.
+        Waviness slopes of each module, shape (2, rows, columns) [rad], followed by z and y of the first pixel and the
+        pixel size [m]. The list is empty if there is no waviness.
     """
 
     spheres: Floats
@@ -472,7 +475,7 @@ def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
 
     The slopes are the gradient of a sum of plane waves. The mean slope of each module is subtracted, because it would
     act as canting. `rms` is the root mean square of the slopes over both directions and all pixels [rad]. The
-    wavelengths vary by one third about `length` [m]. The waves of a seed do not depend on the grid.
+    wavelengths vary by one third about `length` [m]. For a given seed, the waves do not depend on the grid.
     """
     slopes, way = np.zeros(grid.pixels.shape), math.pi * (np.arange(WAVES) + 0.5) / WAVES
     draws = normal_draws(seed, 2, 3 * WAVES).reshape(WAVES, 3)
@@ -492,7 +495,7 @@ def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
 def image_set(
     layout: Scene, grid: MirrorGrid, profile: Profile, spheres: Floats, wavy: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Render the images of a heliostat in K cameras on the N pixels of a grid.
+    """Render the images of a heliostat seen by K cameras, at the N pixels of a grid.
 
     The heights of the waviness are neglected. For slopes of 0.3 mrad at a wavelength of 1 m, the heights would deflect
     a ray by at most 1e-4 mrad.
@@ -500,7 +503,7 @@ def image_set(
     Parameters
     ----------
     layout, grid, profile
-        Scene, pixel grid and profile of the sun.
+        Scene, pixel grid and sun profile.
     spheres : ndarray, shape (M, 4)
         Spheres of the modules, from `module_spheres`. [m]
     wavy : ndarray, shape (2, N), optional
@@ -575,8 +578,8 @@ def heliostat(
 ) -> Heliostat:
     """Return the true surface of a heliostat; see `module_spheres` for the first four parameters.
 
-    `wavy` contains a grid of pixels over these modules, and the slopes of `waviness` at these pixels [rad]. Slopes are
-    linear between pixels, so the pixels should be small compared with the waves.
+    `wavy` contains a pixel grid over these modules, and the slopes from `waviness` at these pixels [rad]. Slopes are
+    interpolated linearly between pixels, so the pixels should be small compared with the waves.
     """
     rim = 2.0 * focal_length - np.sqrt(4.0 * focal_length**2 - np.sum(modules.centre**2, axis=1))
     before = np.column_stack((rim, modules.centre))
@@ -598,11 +601,11 @@ def heliostat(
 def camera_set(
     layout: Scene, cameras: Pinholes, shape: tuple[int, int], profile: Profile, mirror: Heliostat, supersampling: int
 ) -> Floats:
-    """Render the images of a heliostat in K pinhole cameras, shape (K, rows, columns). [1]
+    """Render the images of a heliostat seen by K pinhole cameras, shape (K, rows, columns). [1]
 
     Brightness is relative to the disc centre, and 0 outside the disc and outside the modules. The brightness of a pixel
-    is the mean over `supersampling` x `supersampling` points. The positions of the cameras come from `cameras`, the
-    sun's direction from `layout`.
+    is the mean over `supersampling` x `supersampling` points. The camera positions come from `cameras`, and the sun
+    direction from `layout`.
     """
     fine = np.array(shape) * supersampling
     images = np.zeros((len(cameras.eyes), *fine))
@@ -613,7 +616,7 @@ def camera_set(
             right, below, depth = axes @ pivot
             if depth <= 0.0:
                 continue
-            # Half sides of the module in the image, with a margin for sag and perspective.
+            # Half the width and height of the module in the image, with a margin for sag and perspective.
             size = np.abs(axes[:2] @ turn[:, 1:]) @ half + 0.5 * half @ half / ball[3]
             reach = focal * size[::-1] / depth * (1.0 + 2.0 * math.hypot(*half) / depth) + 1.0
             middle = centre[::-1] + focal / depth * np.array([below, right])
@@ -649,7 +652,7 @@ def _hits(ray: Floats, ball: Floats, radius: float, turn: Floats, pivot: Floats)
 
 
 def _between(slopes: Floats, corner: tuple[float, float, float], places: Floats) -> Floats:
-    """Interpolate slopes of waviness linearly at positions (y, z), shape (2, n), with constant values outside."""
+    """Interpolate waviness slopes linearly at positions (y, z), shape (2, n); slopes are constant outside the grid."""
     from scipy.ndimage import map_coordinates
 
     at = [(places[1] - corner[0]) / corner[2], (places[0] - corner[1]) / corner[2]]
@@ -674,14 +677,14 @@ def pinholes(
     centre: ArrayLike | None = None,
     roll: ArrayLike = 0.0,
 ) -> Pinholes:
-    """Return a pinhole camera at each camera position of a scene, directed at the heliostat's centre.
+    """Return a pinhole camera at each camera position of a scene, pointing at the heliostat's centre.
 
     Parameters
     ----------
     layout : Scene
-        K cameras.
+        Scene with K cameras.
     shape : (int, int)
-        Rows and columns of an image.
+        Number of rows and columns of an image.
     focal : array_like, shape () or (K,)
         Focal lengths divided by the side of a pixel. [1]
     centre : array_like, shape (2,) or (K, 2), optional
@@ -714,7 +717,7 @@ def pinholes(
 
 
 def places_of(cameras: Pinholes, focal_length: float, pixels: Floats) -> Floats:
-    """Return image positions (u, v), shape (K, 2, N), of points (y, z) of the ideal mirror, shape (2, N) [m]."""
+    """Return the image positions (u, v), shape (K, 2, N), of points (y, z) on the ideal mirror, shape (2, N) [m]."""
     x, _, _ = ideal_mirror(focal_length, *pixels)
     way = np.stack((x, *pixels)) - cameras.eyes[:, :, np.newaxis]
     right, below, depth = np.moveaxis(np.sum(cameras.axes[..., np.newaxis] * way[:, np.newaxis], axis=2), 1, 0)
@@ -723,10 +726,10 @@ def places_of(cameras: Pinholes, focal_length: float, pixels: Floats) -> Floats:
 
 
 def homography(here: Floats, there: Floats) -> Floats:
-    """Return the matrix H, shape (3, 3), that maps four points of a plane to four others: `there` ~ H (here, 1).
+    """Return the matrix H, shape (3, 3), that maps four points in a plane to four others: `there` ~ H (here, 1).
 
-    The points have shape (4, 2). ValueError is raised if three points are in one line, or if the map reverses the order
-    of the points.
+    The points have shape (4, 2). Raises ValueError if three points are collinear, or if the map reverses the order of
+    the points.
     """
     (x, y), (u, v), one, none = here.T, there.T, np.ones(4), np.zeros(4)
     rows = np.concatenate(
@@ -736,7 +739,7 @@ def homography(here: Floats, there: Floats) -> Floats:
         )
     )
     if not np.linalg.cond(rows / np.abs(rows).max(axis=0)) < 1e8:
-        raise ValueError("points in one line do not determine a homography")
+        raise ValueError("collinear points do not determine a homography")
     found = np.append(np.linalg.solve(rows, np.concatenate((u, v))), 1.0).reshape(3, 3)
     depth = found[2, 0] * x + found[2, 1] * y + 1.0
     if np.any(depth * depth[0] <= 0.0) or np.linalg.det(found) <= 0.0:
@@ -761,7 +764,7 @@ def rectify(
     saturation: ArrayLike = math.inf,
     threshold: float = -math.inf,
 ) -> tuple[Floats, Integers, Floats]:
-    """Interpolate images at the pixels of a mirror.
+    """Interpolate images at mirror pixels.
 
     Parameters
     ----------
@@ -789,8 +792,8 @@ def rectify(
     flags : ndarray of int, shape (K, N)
         Sum of the flags that apply: `OUT_OF_FRAME`, `AT_EDGE`, `SATURATED`, `NOT_A_NUMBER` and `AT_LIMB`.
     noise : ndarray, shape (K, N)
-        Standard deviation of the interpolated brightness if image pixels have the standard deviation 1: the root of the
-        sum of squared weights.
+        Standard deviation of the interpolated brightness for image pixels with a standard deviation of 1: the root of
+        the sum of squared weights.
 
     Raises
     ------
@@ -858,7 +861,7 @@ def rotate(image: Floats, angle: float) -> Floats:
 
 
 def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modules, grid: MirrorGrid) -> Floats:
-    """Rotate and centre square images by Fourier transforms, and stretch them to the pixels of a mirror.
+    """Rotate and centre square images by Fourier transforms, and stretch them to the mirror pixels.
 
     Defieux et al. (2020) process images in this way before methods A and O1. A rotation makes the rows of an image
     parallel to the y axis of the mirror. The maximum of the cross-correlation with the outline of the modules gives the
@@ -874,7 +877,7 @@ def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modul
     Returns
     -------
     ndarray, shape (K, N)
-        Brightness at the pixels of the mirror.
+        Brightness at the mirror pixels.
     """
     from scipy.ndimage import map_coordinates
 
@@ -902,6 +905,6 @@ def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modul
 
 
 def _weight(distance: Floats) -> Floats:
-    """Return the weights of the cubic of Keys (a = -1/2) for pixels at distances below 2. [pixels]"""
+    """Return the weights of Keys' cubic (a = -1/2) for image pixels at distances below 2 [pixels]."""
     d = np.abs(distance)
     return np.where(d <= 1.0, 1.0 + d * d * (1.5 * d - 2.5), 2.0 + d * (-4.0 + d * (2.5 - 0.5 * d)))

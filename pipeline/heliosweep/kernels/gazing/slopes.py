@@ -1,18 +1,18 @@
 """Mirror slopes from images: linear least squares (A), Nelder-Mead (O1, O2) and Levenberg-Marquardt (LM) [1]_.
 
-Method A: the camera at m_i sees a point of the disc at the angle eps_i from the disc's centre, and eps_i^2 = |m_i -
-w|^2 except for the aberrations of the mirror. In the ideal mirror, the camera would see the angle eps0_i at this pixel.
-The difference of the squared angles is linear in the deviation d = w - w_ideal of the wavefront slopes: eps_i^2 -
-eps0_i^2 = -2 m_i.d + c. Mirror slopes are p = T d, with T from `geometry.transfers`. At least 3 lit cameras are
-required.
+In method A, the camera at m_i sees a point of the disc at the angle eps_i from the disc centre. Apart from the
+aberrations of the mirror, eps_i^2 = |m_i - w|^2. For the ideal mirror, the angle at this pixel would be eps0_i. The
+difference of the squared angles is linear in the deviation d = w - w_ideal of the wavefront slopes, eps_i^2 - eps0_i^2
+= -2 m_i.d + c, where c is the same for all cameras. Mirror slopes are p = T d, with T from `geometry.transfers`. At
+least 3 lit cameras are required.
 
 Method O1 varies the wavefront slope w to minimise the sum of (g B(|m_i - w|) - I_i)^2 over the lit cameras, where B is
 the brightness profile of the sun and I_i the measured brightness. Methods O2 and LM trace the rays back and vary the
 mirror slope p to minimise the sum of (g B(eps_i(p)) - I_i)^2. All three methods start from the result of method A. The
-gain g of a pixel is 1, or g is also varied to minimise the sum. If g is fitted, LM removes the direction of g from the
+gain g of a pixel is 1, or is also varied to minimise the sum. If g is fitted, LM removes the direction of g from the
 derivatives (variable projection [2]_).
 
-The simplex uses the same steps as ``scipy.optimize.minimize(method="Nelder-Mead")``: reflection 1, expansion 2,
+The simplex search uses the same steps as ``scipy.optimize.minimize(method="Nelder-Mead")``: reflection 1, expansion 2,
 contraction and shrinkage 1/2. If two vertices have equal values, the older vertex comes first.
 
 If the profile is a noisy table, the merit has a local minimum at each kink of the table. LM therefore starts with the
@@ -22,9 +22,10 @@ Canting, pointing and focal length of the modules follow from maps of slopes. A 
 centre), is fitted to the slopes of each module. The value c of the plane at the module's centre is the slope that the
 adjusting screws would have to correct. The common curvature k = dp/dy = dp/dz of all modules gives their focal length
 f: k = 1 / 2 f0 - 1 / 2 f. The pointing of the heliostat is the median over the modules of c - k (module centre),
-relative to the heliostat's own sphere. A deviating focal length or a few bad modules do not affect the pointing.
-Canting is c minus the pointing, relative to the ideal heliostat. Modules on a sphere of another focal length therefore
-have a canting as well. Canting and pointing cannot be distinguished from the slope of a single module.
+relative to the heliostat's own sphere. An error of the focal length or a few bad modules do not affect the estimated
+pointing. Canting is c minus the pointing, relative to the ideal heliostat. Modules on a sphere with a different focal
+length therefore also have non-zero canting. Canting and pointing cannot be distinguished from the slope of a single
+module.
 
 The gradients of both slopes of a module give its curvature, the symmetric matrix C = I / 2 f0 - K. The diagonal of K
 contains dp_y/dy and dp_z/dz. The off-diagonal element is the mean of dp_y/dz and dp_z/dy, which are equal on any smooth
@@ -64,7 +65,8 @@ Flags = NDArray[np.uint8]
 #: Flags of a pixel. `NOT_CONVERGED`: The search ended before convergence. `UNLIT`: Fewer than 3 cameras are lit.
 #: `OUTSIDE`: At the slopes of LM, a lit camera looks outside the disc, where the profile is replaced by its tangent.
 NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
-#: Side of the first simplex [rad], size [rad] and merit range [1] of the last simplex, and limit of evaluations.
+#: Nelder-Mead settings. `SIMPLEX`: Side of the first simplex. [rad] `XATOL`: Maximum size of the last simplex. [rad]
+#: `FATOL`: Maximum range of the merit in the last simplex. [1] `LIMIT`: Maximum number of evaluations.
 SIMPLEX, XATOL, FATOL, LIMIT = 0.5e-3, 1e-7, 1e-10, 400
 #: Maximum step of LM. [rad]
 _FARTHEST = 1e-3
@@ -72,16 +74,15 @@ _TINY = 1e-60
 
 
 class SlopeFit(NamedTuple):
-    """Slopes of N pixels; NaN if fewer than 3 cameras are lit.
+    """Slopes at N pixels; NaN if fewer than 3 cameras are lit.
 
     Attributes
     ----------
     slopes : ndarray, shape (2, N)
         Horizontal and vertical slopes: p relative to the ideal mirror, or wavefront slopes w for O1. [rad]
     deviation : ndarray, shape (2, N)
-        Standard deviation of the slopes of LM for camera noise of standard deviation 1. This is the Cramer-Rao bound.
-        For a tabulated profile, the bound is computed from the smooth fit to the table. The value is NaN for O1 and O2.
-        [rad]
+        Cramer-Rao bound: the standard deviation of the LM slopes for camera noise with a standard deviation of 1. For a
+        tabulated profile, the bound is computed from the smooth fit to the table. NaN for O1 and O2. [rad]
     gain, merit : ndarray, shape (N,)
         Gain g, which is 1 unless the gain is fitted, and the minimum sum of squares. [1]
     evaluations : ndarray of int, shape (N,)
@@ -99,7 +100,7 @@ class SlopeFit(NamedTuple):
 
 
 def graduated(profile: Profile) -> list[Profile]:
-    """Return the profiles of the stages of LM, from smooth to rough; the last profile is `profile` itself."""
+    """Return the profiles for the LM stages, from smooth to rough; the last profile is `profile` itself."""
     first = [smooth_fit(profile)] if profile.table.size > 3 else []
     return [*first, *(smoothed(profile, nodes) for nodes in (6.0, 3.0, 1.5, 0.7) if profile.table.size > 0), profile]
 
@@ -116,17 +117,17 @@ def fit_slopes(
     fit_gain: bool = False,
     limit: int = 50,
 ) -> SlopeFit:
-    """Fit the slopes of all pixels.
+    """Fit the slopes at all pixels.
 
     Parameters
     ----------
     method : {'O1', 'O2', 'LM'}
-        For O1, the start and the result are wavefront slopes w. Mirror slopes are T (w - w_ideal) with T from
+        For O1, the initial and the fitted slopes are wavefront slopes w. Mirror slopes are T (w - w_ideal) with T from
         `geometry.transfers` and w_ideal from `ideal_wavefront`.
     layout : Scene
-        K cameras.
+        Scene with K cameras.
     profile : Profile or sequence of Profile
-        Sun profile, or the profiles of the stages of LM from `graduated`.
+        Sun profile, or the profiles for the LM stages from `graduated`.
     images : array_like, shape (K, N)
         Brightness relative to the disc centre. [1]
     start : array_like, shape (2, N)
@@ -138,7 +139,7 @@ def fit_slopes(
     fit_gain : bool
         If True, fit a gain for each pixel, common to all cameras.
     limit : int
-        Maximum number of evaluations in a stage of LM.
+        Maximum number of evaluations in each LM stage.
 
     Returns
     -------
@@ -162,10 +163,11 @@ def fit_slopes(
 
 
 def look_back(layout: Scene, profile: Profile, pixels: Floats, slopes: Floats) -> Floats:
-    """Trace rays from K cameras back to the sun, for slopes p (2, N) [rad] at pixels (y, z), shape (2, N) [m].
+    """Trace rays from K cameras back to the sun.
 
-    Returns the square of the angle from the disc centre [rad^2], the brightness [1] and its derivatives with respect to
-    p [1/rad], shape (4, K, N).
+    `pixels` contains the positions (y, z) of the pixels [m], and `slopes` the slopes p [rad], both with shape (2, N).
+    Returns the squared angle from the disc centre [rad^2], the brightness [1], and the derivatives of the brightness
+    with respect to p [1/rad], shape (4, K, N).
     """
     x, a, b = ideal_mirror(layout.focal_length, *pixels)
     v, w, va, vb, wa, wb = offsets(layout, np.stack((x, *pixels)), a + slopes[0], b + slopes[1])
@@ -184,7 +186,7 @@ def _brightness_of(profile: Profile, squares: Floats) -> Floats:
 
 
 def residual_squares(seen: Floats, images: Floats, threshold: float, fit_gain: bool) -> Floats:
-    """Return the sum of squared residuals of each pixel over the lit cameras, for brightness and images (K, N)."""
+    """Return the sum of squared residuals over the lit cameras at each pixel; `seen` and `images` have shape (K, N)."""
     lit = images >= threshold  # False for NaN
     values, bright = np.where(lit, seen, 0.0), np.where(lit, images, 0.0)
     gain = np.sum(values * bright, axis=0) / (_TINY + np.sum(values**2, axis=0)) if fit_gain else 1.0
@@ -193,7 +195,7 @@ def residual_squares(seen: Floats, images: Floats, threshold: float, fit_gain: b
 
 @inner
 def _equations(task, a, b):
-    """Return merit, gain, a flag, J^T J and J^T r at slopes (a, b).
+    """Return the merit, the gain, a flag, J^T J and J^T r at the slopes (a, b).
 
     The merit is the sum of the squared residuals r, and J their derivative with respect to the slopes. The flag is True
     if a camera looks outside the disc.
@@ -231,8 +233,8 @@ def _fit(
 ) -> None:  # fmt: skip
     """Fit all pixels (y, z), shape (2, N) [m], for one profile: O1 if `wavefront`, LM if `levenberg`, otherwise O2.
 
-    The rows of `fit` are two slopes, two deviations, gain and merit. Initially, `fit` contains the starting slopes.
-    [rad]
+    The rows of `fit` are two slopes [rad], two deviations [rad], gain and merit. On entry, `fit` contains the initial
+    slopes.
     """
     cameras = images.shape[0]
     rays, bright, rows, simplex = np.empty((cameras, 3)), np.empty(cameras), np.empty((cameras, 3)), np.empty((5, 3))
@@ -371,8 +373,9 @@ def solutions(gaze: Floats) -> Floats:
     """Return the least-squares solution of method A for each set of lit cameras.
 
     The cameras are at m_i = `gaze`, shape (K, 2) [rad], with K from 3 to 8. Row s of the result, shape (2^K, 2, K)
-    [1/rad], belongs to the set of cameras i for which bit i of s is 1. The deviation is d = row.(eps0_i^2 - eps_i^2)
-    for any constant c. The row is 0 for dark cameras and NaN if the set does not determine d.
+    [1/rad], belongs to the set of cameras i for which bit i of s is 1. The deviation is d = row.(eps0_i^2 - eps_i^2).
+    The elements of each row sum to 0, so the unknown constant c in the differences of the squared angles does not
+    affect d. The row is 0 for dark cameras and NaN if the set does not determine d.
     """
     cameras = len(gaze)
     if not 3 <= cameras <= 8:
@@ -393,8 +396,8 @@ def solutions(gaze: Floats) -> Floats:
 def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
     """Return the wavefront slopes w_ideal, shape (2, N) [rad], of the ideal mirror by method A with all cameras.
 
-    `ideal` contains squared angles (K, N) from `look_back` [rad^2]. w_ideal is the effect of aberrations at oblique
-    incidence. The slopes w of a mirror with defects are w_ideal plus the deviation d.
+    `ideal` contains squared angles from `look_back`, shape (K, N) [rad^2]. w_ideal is the effect of aberrations at
+    oblique incidence. The slopes w of a mirror with defects are w_ideal plus the deviation d.
     """
     row = solutions(layout.gaze)[-1]
     seen = np.sum(layout.gaze**2, axis=1)[:, np.newaxis] - ideal
@@ -406,10 +409,11 @@ def wavefront_departures(
 ) -> tuple[Floats, NDArray[np.int64]]:
     """Return deviations d of the wavefront slopes from the ideal mirror, shape (2, N) [rad], and the lit cameras.
 
-    `images` (K, N) contains brightness relative to the disc centre [1], with NaN for excluded pixels. `ideal` contains
-    squared angles from `look_back` [rad^2], and `rows` the least-squares solutions from `solutions`. `threshold` is the
-    minimum brightness of a lit camera. Deviations are NaN if fewer than 3 cameras are lit or the lit cameras are in one
-    line. The lit cameras of a pixel are stored as an integer, in which bit i is set if camera i is lit.
+    `images`, shape (K, N), contains brightness relative to the disc centre [1], with NaN for excluded pixels. `ideal`
+    contains squared angles from `look_back` [rad^2], and `rows` the least-squares solutions from `solutions`.
+    `threshold` is the minimum brightness of a lit camera. Deviations are NaN if fewer than 3 cameras are lit or the lit
+    cameras are collinear. The lit cameras of a pixel are stored as an integer, in which bit i is set if camera i is
+    lit.
     """
     lit = images >= threshold  # False for NaN
     masks = np.sum(lit * (1 << np.arange(len(images)))[:, np.newaxis], axis=0)
@@ -418,7 +422,10 @@ def wavefront_departures(
 
 
 def transferred(departures: Floats, matrices: Floats) -> Floats:
-    """Return mirror slopes p = T d, shape (T, 2, N) [rad], for deviations (2, N) [rad] and matrices (T, 2, 2)."""
+    """Return the mirror slopes p = T d, shape (T, 2, N). [rad]
+
+    `departures` contains the deviations d, shape (2, N) [rad], and `matrices` the matrices T, shape (T, 2, 2) [1].
+    """
     left, right = matrices[:, :, :1], matrices[:, :, 1:]
     return left * departures[0] + right * departures[1]
 
@@ -432,15 +439,15 @@ def slope_bound(
     fit_gain: bool = False,
     lit: NDArray[np.int64] | None = None,
 ) -> Floats:
-    """Return the Cramer-Rao bound, the minimum standard deviation of unbiased slopes under camera noise.
+    """Return the Cramer-Rao bound, the minimum standard deviation of unbiased slope estimates under camera noise.
 
     Parameters
     ----------
     layout : Scene
-        K cameras.
+        Scene with K cameras.
     profile : Profile
-        Sun profile of the reconstruction. The bound of a table uses its smooth fit, as in `fit_slopes`, because the
-        steepness between noisy nodes differs from the steepness of the sun's disc.
+        Sun profile used in the reconstruction. The bound for a table uses its smooth fit, as in `fit_slopes`, because
+        the steepness between noisy nodes differs from the steepness of the sun's disc.
     pixels : ndarray, shape (2, N)
         Coordinates y and z of the pixels. [m]
     slopes : ndarray, shape (2, N)
@@ -479,7 +486,7 @@ def slope_bound(
         return np.sqrt(np.stack((bb * inverse, aa * inverse)))
 
 
-#: Number of blocks along each side of a module, for correlated errors of neighbouring pixels.
+#: Number of blocks along each side of a module, used if the errors of neighbouring pixels are correlated.
 _BLOCKS = 4
 #: Number of random draws for the standard errors of pointing and canting.
 #: The relative random error of the standard errors is then 1.6 %.
@@ -488,7 +495,7 @@ _DRAWS = 2000
 
 @lru_cache(maxsize=8)
 def _draws(modules: int) -> Floats:
-    """Return standard normal numbers, which are the same in all calls, shape (draws, 2, 2, modules).
+    """Return standard normal numbers that are identical in all calls, shape (draws, 2, 2, modules).
 
     The second axis is for level and curvature, and the third for the two directions.
     """
@@ -498,11 +505,12 @@ def _draws(modules: int) -> Floats:
 
 
 def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats) -> tuple[Floats, Floats]:
-    """Return standard errors of pointing (2,) and canting (2, M), from random draws of the errors of the modules.
+    """Return standard errors of pointing, shape (2,), and canting, shape (2, M), from random draws of module errors.
 
-    `away` (2, M) contains the slopes of the modules minus the slopes of the heliostat's own sphere and minus the
-    pointing [rad]. `variance` (2, M, 3) contains the variances and the covariance of level and curvature. `weight` is
-    the weight of each module in the curvature of the heliostat. `lever` (2, M) contains the modules' centres [m].
+    `away`, shape (2, M), contains the slopes of the modules minus the slopes of the heliostat's own sphere and minus
+    the pointing [rad]. `variance`, shape (2, M, 3), contains the variances and the covariance of level and curvature.
+    `weight` is the weight of each module in the curvature of the heliostat. `lever`, shape (2, M), contains the
+    modules' centres [m].
     """
     draws = _draws(away.shape[1])
     spread = np.sqrt(variance[:, :, 0])
@@ -512,8 +520,8 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
         level = spread * draws[:, 0]
         bend = np.sum(weight * (slant * draws[:, 0] + rest * draws[:, 1]), axis=(1, 2))
         moved = level - bend[:, np.newaxis, np.newaxis] * lever
-        # The values in `away` already contain errors of the modules.
-        # The part that errors can explain is removed before errors are drawn.
+        # The values in `away` already contain module errors.
+        # The part that these errors can explain is removed before new errors are drawn.
         # Modules within 1.3 standard errors of the pointing are moved to the pointing.
         # The standard errors are then accurate to 10 % for 8 modules.
         share = 1.0 - 1.3**2 * np.mean(moved**2, axis=0) / away**2
@@ -525,9 +533,9 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
 def module_statistics(
     values: Floats, module: Integers, use: NDArray[np.bool_], count: int
 ) -> tuple[Floats, Floats, Integers]:
-    """Return the mean, the root mean square and the number of usable pixels over the modules, shape (..., M) each.
+    """Return the mean, the root mean square and the number of usable pixels for each module, all of shape (..., M).
 
-    `values`, shape (..., N), are NaN at pixels without a value. `module` contains the row of each pixel's module, `use`
+    `values`, shape (..., N), is NaN at pixels without a value. `module` contains the row of each pixel's module, `use`
     is False for excluded pixels, and `count` is the number M of modules. Results are NaN for a module without usable
     pixels.
     """
@@ -551,9 +559,9 @@ def module_estimates(
     focal_length: float,
     deviation: Floats | None = None,
 ) -> dict[str, Any]:
-    """Estimate canting, pointing and focal length from slopes p (2, N) relative to the ideal mirror. [rad]
+    """Estimate canting, pointing and focal length from slopes p relative to the ideal mirror, shape (2, N) [rad].
 
-    Slopes are NaN at pixels without a value. `use` is True for the usable pixels of M modules, from `eroded`.
+    Slopes are NaN at pixels without a value. `use`, from `eroded`, is True for the usable pixels of M modules.
     `focal_length` is f0 of the ideal mirror [m]. `deviation` is the standard deviation of the noise of each slope,
     shape (2, N) [rad]. If `deviation` is specified, the noise is subtracted from the waviness.
 
@@ -616,9 +624,9 @@ def module_estimates(
 def _principal(
     along: Floats, along_variance: Floats, across: Floats, across_variance: Floats, focal_length: float
 ) -> dict[str, Floats]:
-    """Return principal focal lengths and axes of modules, with standard errors, from gradients (2, M) of both slopes.
+    """Return principal focal lengths and axes of modules, with standard errors, from gradients of both slopes.
 
-    `along` contains dp_y/dy and dp_z/dz, and `across` contains dp_y/dz and dp_z/dy. [1/m]
+    `along` contains dp_y/dy and dp_z/dz, and `across` contains dp_y/dz and dp_z/dy, both with shape (2, M). [1/m]
     """
     yy, zz = 0.5 / focal_length - along
     yz, shear = -0.5 * across.sum(axis=0), 0.25 * across_variance.sum(axis=0)
