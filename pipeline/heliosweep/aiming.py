@@ -82,7 +82,7 @@ def choose_aims(
         Difference between bound and power, as a fraction of the bound, at which the search ends. The search also ends
         if the bound hardly decreases.
     threads : int, optional
-        Number of threads, which does not affect the results (default: all cores).
+        Number of threads (default: all cores). The results do not depend on this number.
 
     Returns
     -------
@@ -392,7 +392,7 @@ def flux_limited_aims(
     reflectivity: ArrayLike = 1.0, transmittance: ArrayLike = 1.0, rays: int = RAYS, seed: int = 0, gap: float = GAP,
     memory: float = 4e9, threads: int | None = None, **field: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Aim or stow the heliostats of a field for maximum power on the receiver under a flux limit.
+    """Aim or stow the heliostats in a field to maximise the power on the receiver under a flux limit.
 
     The field is traced once for each aim point to compute the image of each heliostat. `choose_aims` selects the aim
     points.
@@ -406,7 +406,7 @@ def flux_limited_aims(
     limit : float or array, shape (rows of cells,) or (rows of cells, columns of cells)
         Maximum flux in each cell, with rows of cells from the bottom up. [kW m-2]
     rows, columns : int
-        Numbers of rows and columns of aim points, which are the centres of equal cells of the receiver.
+        Numbers of rows and columns of aim points, which are the centres of equal receiver cells.
     azimuth_span : float
         Angle over which the columns of aim points on a cylinder extend, centred on the point nearest to the heliostat.
         [deg]

@@ -514,8 +514,8 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
     study : Study
         Study to save.
     path : path
-        File to write, which appears under its name only when it is complete. File names in the study become relative
-        to the folder of this file.
+        File to write. It appears under its name only when it is complete. File names in the study become relative to
+        the folder of this file.
     force : bool
         If True, replace an existing file.
 
@@ -554,7 +554,7 @@ def comparison_page(
     results : sequence of path
         Result folders. The first result is the reference for the comparison.
     page : path
-        HTML file to write, which appears under its name only when it is complete.
+        HTML file to write. It appears under its name only when it is complete.
     force : bool
         If True, replace an existing file.
 
@@ -621,7 +621,7 @@ def efficiency_table(
     Raises
     ------
     StudyError
-        If the study has no field, or a swept parameter has no value.
+        If the study has no field, or if no value is given for a swept parameter.
 
     Examples
     --------
@@ -660,7 +660,7 @@ def flux_maps(
     Raises
     ------
     StudyError
-        If the study has no flux map, or a swept parameter has no value.
+        If the study has no flux map, or if no value is given for a swept parameter.
 
     Examples
     --------
@@ -697,7 +697,7 @@ def plant_electricity(
     Raises
     ------
     StudyError
-        If SAM has no model of the plant, or a swept parameter has no value.
+        If SAM cannot model the plant, or if no value is given for a swept parameter.
     HeliosweepError
         If PySAM is not installed, or SAM rejects an input.
 

@@ -355,7 +355,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line, which stores the name of the command as `command`."""
+    """Return the command-line parser, which stores the name of the command as `command`."""
     main = _Parser(
         prog="heliosweep",
         description="Batch studies of solar-concentrator tracking and optics: from a YAML file to a NetCDF data set.",

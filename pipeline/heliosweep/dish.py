@@ -298,9 +298,9 @@ def largest_tilt(least: Callable[..., Floats], required: Floats, *mount: Floats)
     Parameters
     ----------
     least : callable
-        Function that returns minimum factors for tilts [deg] and `mount`, which are arrays of equal shapes.
+        Function that returns minimum factors for tilts [deg] and `mount`, all arrays of equal shapes.
     required, *mount : ndarray
-        Required factors [1] and other properties of the mounts, which are broadcast.
+        Required factors [1] and other properties of the mounts. All arrays are broadcast against each other.
 
     Returns
     -------

@@ -53,7 +53,8 @@ def capital_cost(
     tower_cost, tower_scale : float, array or DataArray
         Cost of a tower of zero height [1], and rate at which the cost grows exponentially with height [m-1].
     receiver_cost, receiver_reference_area, receiver_exponent : float, array or DataArray
-        Cost of a receiver of the reference area, the reference area [m2], and the exponent of the area.
+        Cost of a receiver with the reference area, the reference area itself [m2], and the exponent of the area ratio
+        [1].
     other_cost : float, array or DataArray
         Other direct costs, such as the costs of storage and power block.
     contingency, indirect, sales_tax : float, array or DataArray

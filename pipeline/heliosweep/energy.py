@@ -418,9 +418,9 @@ def receiver_heat(
 
     References
     ----------
-    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 4: heat losses of an external
-    receiver by radiation and convection, which depend on the temperatures of the tubes. The parameter `losses` is the
-    sum of both losses.
+    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 4: radiative and convective heat
+    losses of an external receiver, which depend on the tube temperatures. The parameter `losses` is the sum of both
+    losses.
 
     Examples
     --------

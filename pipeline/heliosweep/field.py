@@ -35,9 +35,9 @@ def field_efficiency(
 ) -> xr.Dataset:  # fmt: skip
     """Compute cosine, shading and blocking efficiencies of each heliostat in a field.
 
-    Shaded and blocked areas are exact. All other mirrors are projected onto each mirror, along the sun's rays for
-    shading and along the ray to the aim point for blocking. The lost area is the area of the union of the projections.
-    The shadow of the tower is another polygon in this union.
+    Shaded and blocked areas are computed exactly. All other mirrors are projected onto each mirror, along the sun's
+    rays for shading and along the ray to the aim point for blocking. The lost area is the area of the union of the
+    projections. The shadow of the tower is another polygon in this union.
 
     Parameters
     ----------

@@ -93,8 +93,8 @@ def field_scene(
     width, height : float or array, shape (N,)
         Sides of the mirrors. [m]
     aim : array, shape (3,) or (N, 3), optional
-        Aim points of the mirrors, which must not be behind the receiver (default: the centre of a rectangle, or the
-        nearest point on the surface of a cylinder at half of its height). [m]
+        Aim points, which must not be behind the receiver (default: the centre of a rectangle, or the nearest point on
+        the surface of a cylinder at half of its height). [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}
         Tracking method. The width of a mirror is horizontal ('azimuth_elevation'), or perpendicular to the plane of the
         sun and the aim point ('spinning_elevation').
@@ -114,9 +114,9 @@ def field_scene(
     pointing_error : array, shape (2,) or (N, 2)
         Fixed rotation of the normal along the width and the height. [mrad]
     slope_map : (x, y, slope), optional
-        Evenly spaced positions x of shape (C,) and y of shape (R,) on a mirror [m], and slopes at these positions of
-        shape (R, C, 2), or (N, R, C, 2) if each mirror has its own map [mrad]. Missing slopes (NaN) are replaced by the
-        nearest slopes.
+        Evenly spaced positions on a mirror, x with shape (C,) and y with shape (R,) [m], and the slopes at these
+        positions, with shape (R, C, 2), or (N, R, C, 2) if each mirror has its own map [mrad]. Missing slopes (NaN) are
+        replaced by the nearest slopes.
     sun_shape : str or tuple
         'pillbox', 'gaussian', 'limb_darkened', 'jose', ('buie', circumsolar ratio), or ('table', angles [mrad],
         brightness), with angles from 0 to at most 100 mrad.
@@ -232,14 +232,15 @@ def trace_field(
         to the peak are at most 40 times this value. The standard errors of heliostats relative to the light on their
         area are at most 6 times this value.
     seed : int
-        Seed of the random numbers. The rays depend only on the seed and on the indices of heliostat and instant.
+        Seed of the random number generator. The rays depend only on the seed and on the indices of heliostat and
+        instant.
     flux_map : (int, int), optional
         Numbers of rows and columns of cells on the receiver, each at most 1000. Rows count upwards. Columns count from
         left to right as seen from the field, or, on a cylinder, clockwise from north.
     dni : float or array, shape (T,)
         Direct normal irradiance for the flux map, at most 2000. [W m-2]
     threads : int, optional
-        Number of threads, which does not affect the results (default: all cores).
+        Number of threads (default: all cores). The results do not depend on this number.
     device : {'cpu', 'cuda'}
         Processor that traces the rays; 'cuda' means an NVIDIA GPU and requires ``heliosweep[gpu]``.
     **field
@@ -452,7 +453,8 @@ def image_radius(flux: xr.DataArray) -> xr.DataArray:
     Returns
     -------
     DataArray, shape (...)
-        Radius about the centroid of the light in the unit of the coordinates, such as m; NaN if there is no light.
+        Radius about the centroid of the light, in the unit of the coordinates (for example, m); NaN if there is no
+        light.
 
     Examples
     --------
@@ -469,7 +471,7 @@ def image_radius(flux: xr.DataArray) -> xr.DataArray:
 
 
 def mirror_area(width: Floats, height: Floats, facets: Any = None) -> Floats:
-    """Return the reflecting area of mirrors, which does not include the gaps between facets. [m2]"""
+    """Return the reflecting area of mirrors, excluding the gaps between facets. [m2]"""
     if facets is None:
         return width * height
     return (width - (facets.columns - 1) * facets.gap) * (height - (facets.rows - 1) * facets.gap)

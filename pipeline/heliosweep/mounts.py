@@ -415,16 +415,16 @@ def detector_inversion(
     """Compute mount angles from the points at which two light traces cross detectors.
 
     A reflecting cylinder along the elevation axis of the mirror draws the elevation trace on the receiver's plane. A
-    cylinder up the slope of the mirror draws the azimuth trace. The primary and secondary angles are computed in
-    closed form from one point of each trace. The inversion is exact for mounts without offsets whose only errors are
-    the encoder references.
+    cylinder up the slope of the mirror draws the azimuth trace. The primary and secondary angles are computed in closed
+    form from one point on each trace. The inversion is exact for mounts without offsets whose only errors are the
+    encoder references.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
         As in `mount_angles`, without ``mirror_offset`` and ``axis_offset``.
     elevation_crossing, azimuth_crossing : array, shape (2,), (T, 2) or (N, T, 2)
-        Coordinates y and z of a point of the elevation trace and of a point of the azimuth trace on the receiver's
+        Coordinates y and z of a point on the elevation trace and of a point on the azimuth trace, in the receiver's
         plane. [m]
 
     Returns
@@ -471,7 +471,7 @@ class _Scene(NamedTuple):
     Attributes
     ----------
     setting : aiming.Setting
-        Settings of the receiver and the mounts, shape (N,).
+        Settings of the receiver and the mounts, each of shape (N,).
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     pivots : ndarray, shape (N, 3)
@@ -549,7 +549,7 @@ def _leading(values: Any) -> Any:
 
 
 def _errors(errors: Any, count: int) -> Floats:
-    """Return the errors of mounts, shape (count, 6). [rad]"""
+    """Return mount errors, shape (count, 6). [rad]"""
     if isinstance(errors, Mapping):
         if unknown := [name for name in errors if name not in ERRORS]:
             raise ValueError(f"unknown mount error {unknown[0]!r}: use {', '.join(ERRORS)}")

@@ -333,7 +333,7 @@ def _hint(name: str, known: Iterable[Any]) -> str:
 
 
 def comparison_csv(compared: Compared) -> str:
-    """Return the text of the file ``comparison.csv`` for a comparison, with all digits."""
+    """Return a comparison as the text of the file ``comparison.csv``, with all digits."""
     empty = dict.fromkeys([*(name for one in compared.values for name in one.where), *_STORED], "")
     rows = [
         {**empty, **one.where, **{key: getattr(one, key) for key in _STORED}, "published": one.text}

@@ -114,7 +114,7 @@ class NamedFigure:
         Parameters
         ----------
         path : path
-            File to write, which appears under its name only when it is complete.
+            File to write. It appears under its name only when it is complete.
         force : bool
             If True, replace an existing file.
 

@@ -255,8 +255,8 @@ def numbers(
     dims : sequence of str
         Dimensions of all arrays.
     arrays : sequence of DataArray
-        Arrays, each of which is a column with the name of the array as its heading. The attribute ``variable`` contains
-        the original name of a renamed variable.
+        Arrays to show. Each array becomes a column, with the name of the array as its heading. The attribute
+        ``variable`` contains the original name of a renamed variable.
     label, notes
         As in `Table`.
     digits : int

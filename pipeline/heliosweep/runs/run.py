@@ -61,7 +61,7 @@ _GUARD = 'a script that runs a study with processes must do this below `if __nam
 
 
 class Workers(ExitStack):
-    """Workers of a study, which are started when the first chunk is computed.
+    """Workers for a study. The workers are started when the first chunk is computed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Runs of searches, which compute each generation of the optimiser as a small grid and store each evaluation.
+"""Runs of searches. Each generation of the optimiser is computed as a small grid, and each evaluation is stored.
 
 A resumed run repeats the search from its start and reads the stored evaluations. The steps and the result are
 therefore identical to those in an uninterrupted run.

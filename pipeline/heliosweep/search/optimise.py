@@ -51,7 +51,7 @@ class Space:
 
     @property
     def decimals(self) -> list[int]:
-        """Number of decimals of each key, which resolve 1e-6 of the range of the key."""
+        """Number of decimals that resolves 1e-6 of the range of each key."""
         span = (self.high - self.low) * 1e-6
         return [0 if whole else -int(np.floor(np.log10(step))) for step, whole in zip(span, self.whole, strict=True)]
 

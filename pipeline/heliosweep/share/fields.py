@@ -167,7 +167,7 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
     spots : PaintSpots
         Spots to write.
     path : path
-        File to write, which appears under its name only when it is complete.
+        File to write. It appears under its name only when it is complete.
     force : bool
         If True, replace an existing file.
 
@@ -202,7 +202,7 @@ def write_corrections(
     result : xarray.Dataset
         Result of the family `misalignment` with estimated errors.
     path : path
-        CSV file to write, which appears under its name only when it is complete.
+        CSV file to write. It appears under its name only when it is complete.
     select : mapping of str to value, optional
         Value of each dimension that distinguishes calibrations, such as ``{"parameters": 4}``.
     force : bool
@@ -383,7 +383,7 @@ def write_layout(
         Heliostats to write. A DataFrame must have the columns ``x`` and ``y`` [m]. Other columns of a layout, such as
         ``z``, are optional.
     path : path
-        File to write, which appears under its name only when it is complete.
+        File to write. It appears under its name only when it is complete.
     form : {"csv", "solarpilot"}
         Format of the file. The format ``csv`` is a table with a header and all columns. The format ``solarpilot`` is a
         user-defined SolarPILOT layout, which contains only positions, templates, focal lengths, canting and aim points.

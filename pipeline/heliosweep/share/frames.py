@@ -70,8 +70,8 @@ def write_csv(
     result : xarray.Dataset
         Result from `open_result` or `build`, or a part of it.
     path : path
-        File to write, which appears under its name only when it is complete. The header includes units, such as ``x
-        [m]``. Numbers are written with all digits.
+        File to write. It appears under its name only when it is complete. The header includes units, such as ``x [m]``.
+        Numbers are written with all digits.
     variables : str or sequence of str, optional
         As in `to_frame`.
     force : bool
@@ -193,7 +193,7 @@ def write_xlsx(
     result : xarray.Dataset
         Result from `open_result` or `build`, or a part of it.
     path : path
-        File ``.xlsx`` to write, which appears under its name only when it is complete.
+        Excel file (``.xlsx``) to write. It appears under its name only when it is complete.
     variables : str or sequence of str, optional
         Names of variables (default: all variables that fit in a sheet of 1,048,576 rows).
     tables : mapping of str to pandas.DataFrame, optional

@@ -214,7 +214,7 @@ def write_table(
         Table from `efficiency_table` or `flux_maps`. Flux maps need the format ``tower``. Their rows contain no
         angles and are in the order of the efficiency table.
     path : path
-        CSV file to write, which appears under its name only when it is complete.
+        CSV file to write. It appears under its name only when it is complete.
     form : {"tower", "generic", "solarpilot"}
         Format for SAM's molten-salt power tower, for SAM's generic solar field, or for SolarPILOT. If the sun is below
         the horizon, the format ``tower`` has no rows, and the other formats contain zeros.

@@ -44,7 +44,7 @@ def unfinished(folder: Path) -> ChunkStore | None:
 
 
 class ChunkStore:
-    """Folder of computed chunks, which does not exist before `create` is called."""
+    """Folder of computed chunks. The folder does not exist until `create` is called."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -103,7 +103,7 @@ class ChunkStore:
 OUTPUTS = "outputs"
 #: Files in a result folder: data set, manifest, study of the best point of a search, and lock.
 RESULT, MANIFEST, BEST, LOCK = "result.nc", "manifest.json", "best.yaml", ".heliosweep.lock"
-#: Names of the study file of a result in the folder of a run, and in an unpacked archive.
+#: Names of a result's study file in the folder of a run and in an unpacked archive.
 STUDIES = ("study.resolved.yaml", "study.yaml")
 #: Files that describe a result and are removed when another result replaces it.
 DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)

@@ -28,7 +28,7 @@ def words_of(family: Any, study: Study) -> dict[str, Any]:
     """Return the global attributes of a result according to CF-1.11 and ACDD-1.3.
 
     The attributes contain no clock time, host, user or path, so that repeated runs give equal files. The manifest
-    contains these data.
+    contains this information instead.
     """
     keywords = ("concentrating solar power", "solar tracking", *family.keywords)
     given = study.dataset.keywords if study.dataset else ()
@@ -170,7 +170,7 @@ def changes(before: Any, after: Any, key: str = "") -> list[str]:
 
 
 def listed(before: Any, after: Any, most: int = 3) -> str:
-    """Return the first `most` differences of two mappings on one line."""
+    """Return the first `most` differences between two mappings on one line."""
     lines = changes(before, after)
     return "; ".join(lines[:most]) + (f", and {len(lines) - most} more" if len(lines) > most else "")
 

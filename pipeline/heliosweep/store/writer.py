@@ -90,7 +90,7 @@ def write_result(blocks: Blocks, template: Template, output: Output, folder: Pat
 
 
 def _write_netcdf(path: Path, blocks: Blocks, template: Template, level: int, named: Path) -> None:
-    """Write a NetCDF file and compress time series at a level (0: none). Messages contain the name `named`."""
+    """Write a NetCDF file with time series compressed at `level` (0: none). Messages contain the name `named`."""
     with LIBRARY_LOCK:
         file = netCDF4.Dataset(path.absolute(), "w", format="NETCDF4")
     try:
