@@ -69,8 +69,8 @@ SQUARED, HUBER, CAUCHY = 0, 1, 2
 TRACE_ELEVATION, TRACE_AZIMUTH = 0, 1
 
 #: Condition number above which a calibration is doubtful, for 2, 4 and 6 estimated errors.
-#: The condition number of spots measured over several hours is about 10 for four errors.
-#: For six errors, the condition number of such spots is several hundred.
+#: With spots measured over several hours, the condition number is about 10 for four errors.
+#: For six errors, the condition number is several hundred.
 CONDITION_LIMITS = {2: 100.0, 4: 100.0, 6: 1000.0}
 
 
@@ -112,7 +112,7 @@ class Fit(NamedTuple):
     #: Leave-one-out residuals to first order, shape (N, M, D). [m]
     left_out: Floats
     #: True for observations that the fit uses, shape (N, M).
-    #: A used observation has a positive weight, a measured value, and a prediction for the mount without errors.
+    #: Such an observation has a positive weight, a measured value, and a prediction for the mount without errors.
     counted: NDArray[np.bool_]
     #: Status codes, from `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,).
     status: Integers
@@ -338,7 +338,7 @@ class _Problem:
         )
 
     def variance(self, residual: Floats, loss: int, equations: Integers) -> Floats:
-        """Return the factor of (J^T W J)^-1 in the covariance; NaN without degrees of freedom.
+        """Return the factor that multiplies (J^T W J)^-1 in the covariance; NaN if there are no degrees of freedom.
 
         W does not include the weights from the loss function.
         """

@@ -29,7 +29,7 @@ from heliosweep.kernels.vectors import at_angle, turning
 #: Models of a tilt. `RIGID`: The whole mount leans.
 #: `UNTILTED_HOME_AXES`: Only the azimuth axis leans; the home positions of the other axes do not lean.
 RIGID, UNTILTED_HOME_AXES = 0, 1
-#: Maximum chord for which the vectorised series of the arc is used.
+#: Maximum chord for which the arc is computed from a vectorised series.
 #: The terms of the series after chord^15 are below 2e-17.
 SMALL = 0.24
 #: Coefficients of the odd powers of a chord in the series of its arc, 2 asin(chord / 2).
@@ -109,8 +109,8 @@ def window_errors(
         Tilt of the azimuth axis, and direction towards which the foot of the axis moves: 0 for south, positive to the
         west. [rad]
     home_azimuth, home_elevation : array_like
-        Offsets gamma1 and gamma2 of the home position of the focal axis from due east. The home vector of the focal
-        axis is (-cos gamma1 cos gamma2, -sin gamma1, cos gamma1 sin gamma2). [rad]
+        Offsets gamma1 and gamma2 of the focal axis' home position from due east. The home vector of the focal axis is
+        (-cos gamma1 cos gamma2, -sin gamma1, cos gamma1 sin gamma2). [rad]
     tolerance : array_like
         Upper limit of the error in the clipped mean. [rad]
     azimuth_reference, non_orthogonality, collimation : array_like

@@ -5,7 +5,7 @@ The receiver is a rectangle centred on the aim point T. The axes X, Y, Z of the 
 
     X = (cos b sin g, cos b cos g, sin b),  Y = (-cos g, sin g, 0),  Z = X x Y
 
-where g is the azimuth (from north, clockwise) and b the tilt (up) of the outward normal X. A spot at the point p of the
+where g is the azimuth (from north, clockwise) and b the tilt (up) of the outward normal X. A spot at a point p on the
 plane has the coordinates y = Y.(p - T), positive to the right for an observer in the field who faces the receiver, and
 z = Z.(p - T), positive upwards.
 

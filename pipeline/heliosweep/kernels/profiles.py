@@ -33,7 +33,7 @@ LIMB = 0.679
 EPS_MAX = 4.360e-3
 #: Exponent xi [2]_. [1]
 POWER = 2.222
-#: Angle from which the tangent replaces the profile, relative to eps_max; at 1 the analytic slope is infinite. [1]
+#: Angle beyond which the tangent replaces the profile, relative to eps_max. At 1, the analytic slope is infinite. [1]
 EDGE = 0.9995
 #: Lower limit of the squared angle, to avoid a division by zero at the centre. [rad^2]
 _TINY = 1e-60
@@ -58,7 +58,7 @@ class Profile(NamedTuple):
     c2: float
     #: Coefficient of c^3.
     c3: float
-    #: Angle from which the tangent replaces the profile. [rad]
+    #: Angle beyond which the tangent replaces the profile. [rad]
     edge: float
     #: Brightness at the angle `edge`.
     edge_value: float
@@ -114,7 +114,7 @@ def rendered(profile, square):
 def inverse_squares(profile: Profile, values: Floats) -> Floats:
     """Return the squared angles at which the brightness of a profile, including its tangent, equals `values`. [rad^2]
 
-    The result has the shape of `values` and is 0 for values above the maximum brightness. A tabulated profile is
+    The result has the same shape as `values` and is 0 for values above the maximum brightness. A tabulated profile is
     inverted through its monotone envelope.
     """
     envelope = profile.envelope
@@ -274,7 +274,7 @@ def normal_draws(seed: int, stream: int, count: int) -> Floats:
     """Return standard normal numbers from the counter-based generator Philox 4x64.
 
     The number at index k depends only on k and on the key. The key consists of `seed` and `stream`, which must not be
-    negative; each purpose has its own stream. The result has the shape (count,). Pairs of numbers are computed by the
+    negative; each purpose has its own stream. The result has shape (count,). Pairs of numbers are computed by the
     Box-Muller transform.
     """
     pairs = (count + 1) // 2

@@ -308,7 +308,7 @@ def _map_slopes(r, count, place, slope, facet):
 
 @inner(fastmath=_FAST)
 def _reflect(r, count, points, block, f):
-    """Write ray points (rows 0 to 2), directions to the sun (3 to 5), reflected directions (6 to 8) and sag (9).
+    """Write the rays' points (rows 0 to 2), sun directions (3 to 5), reflected directions (6 to 8) and sag (9).
 
     For shading and blocking, mirrors are treated as planes, but rays of canted facets start on the facets. Reflected
     light starts on the curved surface. The sag is the height of this surface above the starting point of a ray.
@@ -420,7 +420,7 @@ def _meet_rectangle(r, count, cell, f, rows, columns):
 
 @inner(fastmath=_FAST)
 def _count(r, count, counts, tower):
-    """Count the rays of each replicate.
+    """Count the rays in each replicate.
 
     The counts are: unshaded rays; unblocked rays; rays that are unshaded and unblocked; rays that hit the receiver;
     rays that meet all three conditions; and rays that the tower does not shade.
@@ -588,7 +588,7 @@ def _add(sums, m, counts, w0, w1, cosine, each, unit):
 
 
 def _sobol(rng: np.random.Generator, power: int) -> Floats:
-    """Return 2**power points of a scrambled Sobol sequence in eight dimensions, equal to `scipy.stats.qmc.Sobol`.
+    """Return 2**power points of a scrambled Sobol sequence in eight dimensions, as from `scipy.stats.qmc.Sobol`.
 
     This function replaces SciPy's sampler, which takes 0.6 s to import.
     """
@@ -677,9 +677,9 @@ def trace(
     cells : (int, int), optional
         Number of rows and columns of a flux map.
     share : ndarray, shape (N,), optional
-        Factor of each heliostat in the flux map, for example area times transmittance.
+        Factor applied to each heliostat in the flux map, for example area times transmittance.
     area : ndarray, shape (N,), optional
-        Factor of each heliostat in the sums over the heliostats. These sums are omitted if `area` is not given.
+        Factor applied to each heliostat in the sums over the heliostats. These sums are omitted if `area` is not given.
     stride : int
         Only heliostat-instant pairs whose indices add up to a multiple of `stride` are traced.
     threads : int
@@ -837,10 +837,10 @@ def rays_for(
     """Return the number of rays per heliostat and instant needed to reach a precision, at most `MOST`.
 
     Standard errors follow from a pilot run of at most `_PILOT` heliostat-instant pairs, each with 64 rays. Relative
-    standard errors must be at most 0.75 times `precision` for the light of the field and 6 times `precision` for the
-    light on a heliostat (root mean square). For cells with at least half the peak flux, the standard error must be at
-    most 40 times `precision`, relative to the peak flux. The maximum error is then about 20 times `precision` for 300
-    heliostats, and about 150 times `precision` for 700 cells.
+    standard errors must be at most 0.75 times `precision` for the light from the whole field, and 6 times `precision`
+    for the light from a heliostat (root mean square). For cells with at least half the peak flux, the standard error
+    must be at most 40 times `precision`, relative to the peak flux. The maximum error is then about 20 times
+    `precision` for 300 heliostats, and about 150 times `precision` for 700 cells.
     """
     lit = np.asarray(sun)[:, 2] > 0.0
     # The stride is odd, because an even stride would use only half of the points.

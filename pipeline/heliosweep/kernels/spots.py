@@ -554,8 +554,8 @@ def sampled(
 ) -> tuple[Floats, Floats]:
     """Return spots y, z [m], status and remaining tolerances [rad] for K error samples, shape (3 or 5, P, H, T, K).
 
-    Also returns the aiming status, shape (P, H, T). The arguments are as in `mount_spots`, but `actual` has the shape
-    (P, H, K, 6).
+    Also returns the aiming status, shape (P, H, T). The arguments are as in `mount_spots`, but `actual` has shape (P,
+    H, K, 6).
     """
     arrays = [np.require(value, np.float64, ["C", "W"]) for value in (actual, known, sun, pivots)]
     shape = len(setting.kind), arrays[3].shape[1], arrays[2].shape[1], arrays[0].shape[2]

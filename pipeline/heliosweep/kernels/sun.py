@@ -2,8 +2,8 @@
 
 Apart from the Earth's rotation, the sun's apparent position changes smoothly over a day. The geocentric direction and
 the parallax are therefore interpolated by cubic splines through daily nodes, which are computed by the SPA [1]_. The
-sidereal time, the rotation to the site and the correction for parallax are computed at each instant by the formulas of
-the SPA.
+sidereal time, the rotation to the site and the correction for parallax are computed at each instant from the SPA
+formulas.
 
 References
 ----------
@@ -100,8 +100,9 @@ _sidereal_time = inline(sidereal_time)
 def daily_splines(nodes: Floats) -> Floats:
     """Return natural cubic splines (zero second derivative at both ends) through daily nodes.
 
-    `nodes` contains the values at days 0 to N - 1, shape (N, QUANTITIES). The result contains, for each day, the
-    coefficients of the powers 0 to 3 of the elapsed fraction of the day, shape (N - 1, 4, QUANTITIES).
+    `nodes` contains the values at days 0 to N - 1, shape (N, QUANTITIES). For each day, the result contains the
+    coefficients of a cubic polynomial in the elapsed fraction of the day, constant term first, shape (N - 1, 4,
+    QUANTITIES).
     """
     bend, pivot = np.zeros_like(nodes), np.zeros(len(nodes))  # a sixth of the second derivative
     for i in range(1, len(nodes) - 1):

@@ -122,7 +122,7 @@ def quantile(shape: SunShape, part: Floats) -> Floats:
 def _rings(edges: tuple[float, ...], brightness: Callable[[Floats], Floats], nodes: int = _NODES) -> SunShape:
     """Return a sun shape with rings between `edges`, the angles at which the brightness may be discontinuous.
 
-    The nodes are denser at each outer edge, where the brightness may decrease as a square root.
+    The nodes are denser at each outer edge, where the brightness may decrease like a square root.
     """
     place, weight = np.polynomial.legendre.leggauss(nodes)
     place, weight = (1.0 + place) / 2, weight / 2

@@ -84,12 +84,12 @@ def beam_outline(
 
 
 def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Floats) -> tuple[Floats, Floats]:
-    """Return all crossings of both traces with straight segments of detectors.
+    """Return all crossings of both traces with straight detector segments.
 
     Parameters
     ----------
     mirror : Stand
-        Mirrors, with arrays of the shape (..., 3).
+        Mirrors, with arrays of shape (..., 3).
     sun : ndarray, shape (..., 3)
         Unit vectors to the sun. [1]
     start, along : ndarray, shape (S, 3)
@@ -100,7 +100,7 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
     Returns
     -------
     place : ndarray, shape (..., 2, S, 2)
-        Positions of the crossings of each trace along the segments, ascending; NaN without a crossing. [m]
+        Positions along the segments at which each trace crosses, in ascending order; NaN if there is no crossing. [m]
     angle : ndarray
         Angle from the normal of the mirror to the normal of the cylinder, positive upwards (elevation trace) or
         clockwise from above (azimuth trace). [rad]
@@ -120,7 +120,7 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
         lean = dot(axis, _unit(v))
         # rays exist on only one half of the cone
         place = np.where(np.abs(lean - k) <= np.abs(lean + k) + _SAME, place, np.nan)
-        for _ in range(2):  # two Newton steps reach the rounding error
+        for _ in range(2):  # two Newton steps converge to rounding error
             v = c + place[..., np.newaxis] * along
             square = dot(v, v)
             slope = (dot(axis, along) - dot(axis, v) * dot(v, along) / square) / np.sqrt(square)

@@ -509,8 +509,8 @@ def _outlines(
 ) -> None:
     """Write the corners of each image to `corners`, and its area and heliostat to `whole`.
 
-    The last row of `whole` contains the number of images. `corners` has the shape of `Outlines.corners`, `sun` the
-    shape (1, 3), and `whole` the shape (tests, 2, images + 1, 2).
+    The last row of `whole` contains the number of images. `corners` has the shape of `Outlines.corners`, `sun` has
+    shape (1, 3), and `whole` has shape (tests, 2, images + 1, 2).
     """
     to_sun = rows(3)
     frames, views, to_target, images, only = rows(14), rows(6), rows(3), images_of(1), np.zeros(1, np.int64)
@@ -615,7 +615,7 @@ def mirror_outlines(
 
 
 def warm_field(outlines: bool = False) -> None:
-    """Compile the field kernels or load them from the cache, optionally with the kernel of shadow outlines."""
+    """Compile the field kernels or load them from the cache, optionally including the shadow outline kernel."""
     place, side = np.array([10.0, 30.0]), np.ones(2)
     sun = np.array([[0.0, 0.0, 1.0]])
     field_sums(sorted_field(place, place, side, side, side, 50.0), 0, sun, 0, 2)

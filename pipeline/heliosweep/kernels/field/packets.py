@@ -7,7 +7,7 @@ If r and s are the unit vectors to the target and the sun, a mirror has the norm
 mirror is (u, v, n) with v = n x u. The width of the mirror is along u, and the height is along v. Vectors are stored
 for all lanes of a packet, see `vectors.load`.
 
-Heliostats that may shade or block a mirror are selected by a uniform grid, a wedge and a cone. The selection never
+Heliostats that may shade or block a mirror are selected with a uniform grid, a wedge and a cone. The selection never
 misses a heliostat that shades or blocks.
 
 Let D = C_j - C_i be the vector from mirror i to mirror j, R the sum of their bounding radii, and d a direction to the

@@ -87,7 +87,7 @@ def less(a: Four, b: Four) -> Four:
 
 @inline
 def edge_terms(px: Four, py: Four, qx: Four, qy: Four, rise: Four, run: Four) -> Four:
-    """Return integrals of clamp(y) dx along the parts of four edges from p to q with x in [-1, 1].
+    """Return the integrals of clamp(y) dx along four edges from p to q, each over the part with x in [-1, 1].
 
     By Green's theorem, the sum of these integrals around a polygon is, up to the sign, the area within the square. On
     each vertical line, the polygon contributes the clamped top minus the clamped bottom. By partial integration, each

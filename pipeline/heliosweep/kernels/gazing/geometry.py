@@ -9,7 +9,7 @@ up.
 The ideal mirror of the reconstruction is the series expansion of a sphere with focal length f (Eqs. 1 and 2 with D =
 f). Slopes p = (p_y, p_z) are deviations from the ideal mirror: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2 f,
 and b likewise. Camera i at M_i lies in the direction R = unit(M_i - P) from the pixel P. In this pixel, the camera sees
-the point of the sun's disc in the direction S = 2 (N.R) N - R. The 2nd and 3rd components v and w of B_S S give the
+the point on the sun's disc in the direction S = 2 (N.R) N - R. The 2nd and 3rd components v and w of B_S S give the
 angle eps_i from the disc centre, sin eps_i = |(v, w)| (Eqs. 4 to 6).
 
 The kernels compute values only for pixels on modules, row by row; `maps` arranges these values on the grid.
@@ -25,7 +25,7 @@ pixels are square. Columns u count to the right and rows v down, and the centre 
 The brightness of a pixel is the mean over n x n points. The ray through a point hits the first module on its path.
 `Modules` contains the rectangle of each module before the rotations.
 
-The pinhole geometry gives the image position (u, v) of the point of the ideal surface at each mirror pixel. If the
+The pinhole geometry gives the image position (u, v) of the point on the ideal surface at each mirror pixel. If the
 corners of the heliostat are marked in the image, a homography maps the predicted corners to the marked corners. The
 homography corrects the pointing, roll and focal length of the camera. The geometry accounts for the mirror's sag, which
 a homography of a plane cannot describe. The brightness at a position is interpolated by Keys' cubic [2]_ over 4 x 4
@@ -64,8 +64,8 @@ class Scene(NamedTuple):
     Attributes
     ----------
     sun_axes, mirror_axes, target_axes : ndarray, shape (3, 3)
-        Rotations B_S, B_H and B_R. The rows are the axes x, y and z in R_F; x points to the sun, along the ideal normal
-        N0 or along R0. [1]
+        Rotations B_S, B_H and B_R. The rows are the axes x, y and z in R_F. The x axes point to the sun, along the
+        ideal normal N0, and along R0, respectively. [1]
     cameras : ndarray, shape (K, 3)
         Camera positions M_i in R_F. [m]
     eyes : ndarray, shape (K, 3)
@@ -355,7 +355,7 @@ def row_of(vector: Floats) -> tuple[float, float, float]:
 def mirror_offsets(
     a: float, b: float, rx: float, ry: float, rz: float, sun_y: Row, sun_z: Row
 ) -> tuple[float, float, float, float, float, float]:
-    """Return the point of the sun's disc that a camera sees in a mirror with the normal N ~ (1, a, b).
+    """Return the point on the sun's disc that a camera sees in a mirror with the normal N ~ (1, a, b).
 
     `a` and `b` are the slopes of the ideal mirror plus p [rad]. `rx`, `ry` and `rz` are the components of the unit
     vector R to a camera in the mirror frame. `sun_y` and `sun_z` are the vectors of the same name in `Scene`. Returns
@@ -497,8 +497,8 @@ def image_set(
 ) -> tuple[Floats, Floats]:
     """Render the images of a heliostat seen by K cameras, at the N pixels of a grid.
 
-    The heights of the waviness are neglected. For slopes of 0.3 mrad at a wavelength of 1 m, the heights would deflect
-    a ray by at most 1e-4 mrad.
+    The height variations of a wavy surface are neglected. For slopes of 0.3 mrad at a wavelength of 1 m, the height
+    variations would deflect a ray by at most 1e-4 mrad.
 
     Parameters
     ----------

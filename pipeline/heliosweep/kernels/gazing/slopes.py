@@ -1,6 +1,6 @@
 """Mirror slopes from images: linear least squares (A), Nelder-Mead (O1, O2) and Levenberg-Marquardt (LM) [1]_.
 
-In method A, the camera at m_i sees a point of the disc at the angle eps_i from the disc centre. Apart from the
+In method A, the camera at m_i sees a point on the disc at the angle eps_i from the disc centre. Apart from the
 aberrations of the mirror, eps_i^2 = |m_i - w|^2. For the ideal mirror, the angle at this pixel would be eps0_i. The
 difference of the squared angles is linear in the deviation d = w - w_ideal of the wavefront slopes, eps_i^2 - eps0_i^2
 = -2 m_i.d + c, where c is the same for all cameras. Mirror slopes are p = T d, with T from `geometry.transfers`. At
@@ -272,8 +272,8 @@ def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
 
     `simplex` has five rows: three vertices and two trial points. Returns the number of evaluations, and the second
     return value of `function` in the last evaluation. The search ends if all vertices are within `xatol` of the best
-    vertex in both coordinates and within `fatol` in value, or at the limit of evaluations. On return, the first vertex
-    is the minimum.
+    vertex in both coordinates and within `fatol` in value, or if the number of evaluations reaches `limit`. On return,
+    the first vertex is the minimum.
     """
     count, last = 3, 0.0
     for j in range(3):
@@ -454,7 +454,7 @@ def slope_bound(
         Slopes p relative to the ideal mirror. [rad]
     noise : array_like, shape (), (N,) or (K, N)
         Standard deviation of normal noise in each image, relative to the disc centre in the image. For cameras with a
-        gain, `noise` is the noise of the camera divided by the gain. Cameras with NaN are excluded. [1]
+        gain, `noise` is the camera noise divided by the gain. Cameras with NaN are excluded. [1]
     fit_gain : bool
         If True, the slopes are fitted together with a gain for each pixel, common to all cameras.
     lit : ndarray of int, shape (N,), optional
@@ -463,7 +463,7 @@ def slope_bound(
     Returns
     -------
     ndarray, shape (2, N)
-        Bound from the inverse of the information matrix of the included cameras that see the disc; NaN if the matrix is
+        Bound from the inverse information matrix of all included cameras that see the disc; NaN if the matrix is
         singular. [rad]
     """
     known = smooth_fit(profile) if profile.table.size > 3 else profile
