@@ -129,7 +129,7 @@ class Family:
         Variables that represent a study in a list of studies, in order of preference. The list shows the first
         variable that the result contains.
     optional : mapping of str to str
-        Mapping of optional variables to the keys that enable these variables, used in messages.
+        Mapping of optional variables to the keys that enable them, used in messages.
     figures, tables : sequence, callable or str, optional
         Declared figures and tables, or functions that take the result and return them. By default the report draws and
         tabulates the variables along their common dimensions.

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 
 PARAMETER, PERCENTILE = "parameter", "sample_percentile"
-#: Maximum number of values per draw of a variable whose draws are stored, unless the study sets `every_draw`.
+#: Maximum number of values per draw for which all draws of a variable are stored, unless `every_draw` is set.
 MOST_NUMBERS = 100
 #: Maximum width of the confidence interval of a total index; a warning is given for wider intervals. [1]
 WIDE = 0.1
@@ -73,7 +73,7 @@ _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
         "first_order_index": (PARAMETER, "fraction of the variance of the {} that each parameter explains alone", True),
         "first_order_interval": (
             PARAMETER,
-            "half-width of the 95 % interval of the first-order index of the {}",
+            "half-width of the 95 % confidence interval of the first-order index of the {}",
             True,
         ),
         "total_index": (
@@ -81,7 +81,7 @@ _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
             "fraction of the variance of the {} that each parameter explains alone and by interactions",
             True,
         ),
-        "total_interval": (PARAMETER, "half-width of the 95 % interval of the total index of the {}", True),
+        "total_interval": (PARAMETER, "half-width of the 95 % confidence interval of the total index of the {}", True),
     },
     MORRIS: {
         "effect_mean": (PARAMETER, "mean elementary effect of each parameter on the {}", False),
@@ -96,7 +96,7 @@ _SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
 
 
 class Wrapped(Family):
-    """Family that delegates its computations to another family, `inner`."""
+    """Family that delegates its computations to another family `inner`."""
 
     def __init__(self, inner: Family) -> None:
         vars(self).update(vars(inner))
@@ -107,7 +107,7 @@ class Wrapped(Family):
 
 
 class Sampled(Wrapped):
-    """A family with a dimension ``sample``, along which `inner` computes each draw.
+    """Family that computes each draw with the family `inner`, along the dimension ``sample``.
 
     All variables of a draw count as computed variables, even if `inner` declares them as finished variables. The
     finished variables are the statistics over the draws.
@@ -274,7 +274,7 @@ def _words(study: Study) -> str:
     if design.sensitivity != SOBOL:
         return what
     how = f"Student's about a jackknife over the {REPLICATES} sequences" if design.kind == SOBOL else "by bootstrap"
-    return f"design of Saltelli on {what}; 95 % intervals of indices {how}"
+    return f"design of Saltelli on {what}; 95 % confidence intervals of indices {how}"
 
 
 class Searched(Wrapped):

@@ -61,8 +61,8 @@ class MountAngles(Block):
     scale: Annotated[
         float | Sweep,
         Quantity(
-            "Factor on the deviations of all drawn errors from their mean",
-            "1", ge=0, dimension="error_scale", title="factor on the deviations of the drawn errors from their mean",
+            "Factor applied to the deviations of all drawn errors from their means",
+            "1", ge=0, dimension="error_scale", title="factor for the deviations of drawn errors from their means",
         ),
     ] = 1.0  # fmt: skip
 
@@ -71,7 +71,7 @@ class MountAngles(Block):
         return tuple(getattr(self, name) for name in ERRORS)
 
     def drawn(self) -> dict[str, Distribution]:
-        """Return a mapping of names to distributions for the errors that are drawn."""
+        """Return a mapping of names to distributions for the drawn errors."""
         return {name: error for name in ERRORS if isinstance(error := getattr(self, name), Distribution)}
 
 
@@ -81,7 +81,7 @@ def standard_uniforms(
     """Return uniform draws from the open interval (0, 1), shape (H, samples).
 
     Draws are multiples of 2^-53 and symmetric about 1/2. The draws depend on `seed` and `stream`, both from 0 to
-    2^63 - 1, and on the heliostat numbers, counted from 0. The stream is for example the index of a mount error.
+    2^63 - 1, and on the heliostat numbers, counted from 0. The stream can be the index of a mount error.
     `first` is the index of the first sample.
     """
     batch, skip = divmod(first, 4)  # the generator returns four numbers for each counter value
@@ -105,11 +105,11 @@ def standard_normals(
 
 
 def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
-    """Return the deviates of E errors, shape (H, samples, E): standard normal, or uniform between -1 and 1.
+    """Return the standard normal or uniform (-1 to 1) deviates of E errors, shape (H, samples, E).
 
     The value of an error is ``error.mean + error.width * deviate``. Deviates are 0 for errors that are not drawn. The
     index of an error is the stream of its draws. `seed` applies to distributions without a seed, and `samples`
-    replaces the number of samples of every distribution.
+    overrides the number of samples of every distribution.
     """
     result = np.zeros((np.size(heliostats), samples, len(errors)))
     for stream, error in enumerate(errors):

@@ -67,7 +67,7 @@ class Points:
         """Return the dimensions along which a key varies, and its values over all swept dimensions (None if unset)."""
         if key not in self._columns:
             if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):
-                raise StudyError(Problem("is no key of the study's model", key))
+                raise StudyError(Problem("is not a key of the study's model", key))
             dims = self.parameters.column(key)[0] if self.parameters.has(key) else ()
             self._columns[key] = dims, self.parameters.values(key)
         return self._columns[key]
@@ -85,7 +85,7 @@ class Points:
 
 
 class Point:
-    """A point of the parameter grid, or a group of points that are computed in one call.
+    """Point of the parameter grid, or group of points computed in one call.
 
     ``point[key]`` is the value of a dotted key of the study: a number or a string, or None if the key has no value. If
     a key varies within a group, its value is an array with one axis for each swept dimension.

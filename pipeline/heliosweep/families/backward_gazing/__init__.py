@@ -12,7 +12,7 @@ from heliosweep.families.family import Family
 
 FAMILY = Family(
     "backward_gazing",
-    "slopes of mirrors from four camera images of the reflected sun",
+    "mirror slopes from four camera images of the reflected sun",
     f"{__name__}.study:BackwardGazingStudy",
     f"{__name__}.compute:computation",
     example=Path(__file__).with_name("default.yaml"),

@@ -1,4 +1,4 @@
-"""Blocks of the study file of the family `backward_gazing`."""
+"""Study file blocks of the family `backward_gazing`."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from heliosweep.kernels.gazing.geometry import Modules as Rectangles
 from heliosweep.kernels.gazing.geometry import themis_8
 
 METHODS = {
-    "A": "analytic: slopes of the wavefront by linear least squares",
-    "O1": "optimised: slopes of the wavefront by Nelder-Mead",
-    "O2": "optimised with backward ray tracing: slopes of the mirror by Nelder-Mead",
+    "A": "analytic: wavefront slopes by linear least squares",
+    "O1": "optimised: wavefront slopes by Nelder-Mead",
+    "O2": "optimised with backward ray tracing: mirror slopes by Nelder-Mead",
     "LM": "the merit function of O2, minimised by Levenberg-Marquardt",
 }
 REFERENTIALS = {
-    "none": "half the slopes of the wavefront, without field rotation; agrees with the paper's table",
-    "roll": "with the rotation between the axes of mirror and target",
+    "none": "half the wavefront slopes, without field rotation; agrees with the paper's table",
+    "roll": "with the rotation between the mirror axes and the target axes",
     "exact": "with the exact Jacobian",
 }
 PROFILES = {
@@ -85,7 +85,7 @@ Modules = Annotated[
 
 
 class Heliostat(Block):
-    """The heliostat that the cameras observe."""
+    """Heliostat observed by the cameras."""
 
     focal_length: Annotated[
         float | Sweep | None,
@@ -94,11 +94,12 @@ class Heliostat(Block):
     distance: Annotated[
         float | Sweep | None,
         Quantity("Distance between the centres of heliostat and target; not used with a field", "m", gt=0,
-                 title="distance of heliostat and target"),
+                 title="distance between heliostat and target"),
     ] = None  # fmt: skip
     modules: Modules = "themis_8"
     pixel: Annotated[
-        float | Sweep, Quantity("Side of a pixel on the mirror", "m", gt=0, title="side of a pixel on the mirror")
+        float | Sweep,
+        Quantity("Side length of a pixel on the mirror", "m", gt=0, title="side of a pixel on the mirror"),
     ] = 0.05
 
     @property
@@ -116,7 +117,7 @@ class Heliostat(Block):
 
 
 class Target(Block):
-    """The target with the cameras around its centre."""
+    """Target with cameras around its centre."""
 
     azimuth: Annotated[
         float | Sweep | None,
@@ -156,11 +157,11 @@ class Sun(Block):
     ] = None  # fmt: skip
     profile: Annotated[
         str | None,
-        FileName("CSV table of the sun's profile with the columns angle [mrad] and brightness, for sun_profile: table",
+        FileName("CSV table of the sun profile with the columns angle [mrad] and brightness, for sun_profile: table",
                  sweep=False),
     ] = None  # fmt: skip
     image: Annotated[
-        str | None, FileName("Image of the sun as NPY, TIFF, PNG or FITS; mode: measured only", sweep=False)
+        str | None, FileName("Sun image file (NPY, TIFF, PNG or FITS); mode: measured only", sweep=False)
     ] = None
     pixel_angle: Annotated[
         float | None,
@@ -234,7 +235,7 @@ class Cameras(Block):
     images: Annotated[
         str | Sweep,
         Choice(
-            "Kind of the cameras' images",
+            "Kind of camera images",
             {
                 "mirror_grid": "brightness on the mirror's grid, as seen by a perfect camera",
                 "camera": "images of pinhole cameras, rectified to the grid of the mirror",
@@ -247,8 +248,8 @@ class Cameras(Block):
     ] = "mirror_grid"
     supersampling: Annotated[
         int | Sweep,
-        Quantity("Rays along each side of a camera's pixel; not used with images: mirror_grid", "1", ge=1, le=15,
-                 integer=True, title="rays along each side of a camera's pixel"),
+        Quantity("Number of rays along each camera pixel side; not used with images: mirror_grid", "1", ge=1, le=15,
+                 integer=True, title="rays along each side of a camera pixel"),
     ] = 3  # fmt: skip
     threshold: Annotated[
         float | Sweep,
@@ -258,7 +259,7 @@ class Cameras(Block):
     seed: Annotated[
         int | Sweep,
         _seed(
-            "Seed of the noise and the levels of the cameras",
+            "Seed of the camera noise and brightness levels",
             "camera_seed",
             "seed of the cameras' noise",
         ),
@@ -271,14 +272,12 @@ class Defects(Block):
     canting: Annotated[
         dict[str, Annotated[Two, Numbers("Canting", "mrad", ("horizontal", "vertical"), ge=-100, le=100)]],
         Field(
-            description=(
-                "Canting of modules by their number, counted from 1: [horizontal, vertical] slope of the normal, mrad"
-            )
+            description=("Canting by module number, counted from 1: [horizontal, vertical] slope of the normal, mrad")
         ),
     ] = Field(default_factory=dict)
     canting_scale: Annotated[
         float | Sweep,
-        Quantity("Factor on the canting of all modules", "1", ge=-100, le=100, title="factor on the canting"),
+        Quantity("Factor applied to the canting of all modules", "1", ge=-100, le=100, title="canting factor"),
     ] = 1.0
     waviness: Annotated[
         float | Sweep,
@@ -299,7 +298,7 @@ class Defects(Block):
     curvature: Annotated[
         dict[str, Annotated[tuple[float, float, float],
                             Numbers("Curvature", ("m", "m", "deg"), ("first focal length", "second", "axis"))]] | None,
-        Field(description=("Curvature of modules by their number, counted from 1: two principal focal lengths in m, "
+        Field(description=("Curvature by module number, counted from 1: two principal focal lengths in m, "
                           "and the direction of the first in deg from horizontal upwards, seen from the target; "
                           "other modules have focal_length in both directions")),
     ] = None  # fmt: skip
@@ -313,7 +312,7 @@ class Defects(Block):
 
 
 class ProfileNoise(Block):
-    """Noisy table of the sun's profile, used if ``sun_profile`` is ``noisy``."""
+    """Noisy table of the sun profile, used if ``sun_profile`` is ``noisy``."""
 
     noise: Annotated[
         float | Sweep,
@@ -343,7 +342,7 @@ class HeliostatField(Block):
                  standard_name="latitude"),
     ]  # fmt: skip
     day: Annotated[
-        int | Sweep, Quantity("Day of the year; declination by Cooper", "1", ge=1, le=366, integer=True,
+        int | Sweep, Quantity("Day of the year, for Cooper's declination", "1", ge=1, le=366, integer=True,
                               title="day of the year")
     ]  # fmt: skip
     hours: Annotated[Sweep, Samples("Solar hours, 12 is noon", "h", ge=0, le=24, title="solar hour")]
@@ -372,7 +371,7 @@ class HeliostatField(Block):
 class Output(StoredOutput):
     """Stored variables and their format. These settings do not change the identity of a study."""
 
-    maps: Annotated[bool, Flag("Also store the images, the maps of the slopes and the sun's profile")] = False
+    maps: Annotated[bool, Flag("Also store the images, the slope maps and the sun profile")] = False
     raw_slopes: Annotated[
         bool, Flag("Also store maps of the estimated slopes with and without the defects; needs maps")
     ] = False
@@ -383,7 +382,7 @@ def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
 
 
 class Metadata(Block):
-    """Metadata of an image. Values in the study have priority over metadata."""
+    """Image metadata. Values in the study have priority over metadata."""
 
     FOCALPIX: Annotated[
         float | None, _said("Focal length of the camera divided by the side of a pixel", ge=10, le=1e7)
@@ -429,7 +428,7 @@ class Metadata(Block):
         float | None, _said("Elevation of the target seen from the heliostat", "deg", gt=-90, lt=90)
     ] = None  # fmt: skip
     DISTANCE: Annotated[
-        float | None, _said("Distance between the centres of heliostat and target", "m", gt=0)
+        float | None, _said("Distance between the centres of the heliostat and the target", "m", gt=0)
     ] = None  # fmt: skip
     PIXANGLE: Annotated[float | None, _said("Angular size of a pixel in an image of the sun", "mrad", gt=0)] = None
 
@@ -437,7 +436,7 @@ class Metadata(Block):
 class Image(Block):
     """One of the four measured images."""
 
-    file: Annotated[str, FileName("Image of the heliostat as NPY, TIFF, PNG or FITS", sweep=False)]
+    file: Annotated[str, FileName("Heliostat image file (NPY, TIFF, PNG or FITS)", sweep=False)]
     camera: Annotated[
         Two | None,
         Numbers("Position of the camera in the target's plane (default: from the image's metadata or 'cameras')",

@@ -4,10 +4,10 @@ Measured images are first rectified to the grid of the mirror (`kernels.gazing.g
 simulated images. The uncertainties of the slopes follow from the image noise in the study. If the study gives no noise,
 it is estimated from the median of the squared Levenberg-Marquardt residuals, which is not sensitive to edges and dirt.
 
-In a field, the directions to sun and target are computed from the position of each heliostat. The distance of a
-heliostat is its slant range, which is also the default of its ideal focal length. With ``facing: heliostat``, the
+In a field, the directions to the sun and the target are computed from the position of each heliostat. The distance of a
+heliostat is its slant range, which is also the default ideal focal length. With ``facing: heliostat``, the
 target and its cameras are rotated about the vertical to face each heliostat. This option represents four cameras on a
-ring around a tower. With ``facing: fixed``, the target keeps the direction `target.face`. Noise and waviness are drawn
+ring around a tower. With ``facing: fixed``, the target has the direction `target.face`. Noise and waviness are drawn
 separately for each heliostat, and noise also for each hour.
 """
 
@@ -69,8 +69,8 @@ if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
     from heliosweep.families.points import Point, Points
 
-#: Lit fraction below which a camera is dark, fraction below which a camera or a module is hardly visible, and maximum
-#: ratio of the residuals to the noise in the study (about 0.6 in a correct result). [1]
+#: Lit fraction below which a camera is dark. Fraction below which a camera or a module is hardly visible. Maximum ratio
+#: of the residuals to the noise in the study (about 0.6 in a correct result). [1]
 DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
 #: Keys that affect the scene, its images or the slopes.
 KEYS = (
@@ -105,7 +105,7 @@ def values_of(point: Point, known: Mapping[str, float]) -> Values:
 
 
 def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) -> Scene:
-    """Return the positions of sun, heliostat and cameras at a point. Raises Failure if they are impossible.
+    """Return the positions of the sun, heliostat and cameras at a point. Raises Failure if they are impossible.
 
     `positions` contains the positions of the cameras in the target's plane [m]. If `positions` is None, the arrangement
     in the study is used.
@@ -189,14 +189,14 @@ def sun_of(profile: Profile) -> dict[str, Any]:
 
 
 def by_axis(name: str, values: Floats, axis: int = 2, ends: Iterable[str] = "xy") -> dict[str, Floats]:
-    """Split an array along an axis into one variable for each of `ends`, which replaces ``%`` in `name`."""
+    """Split an array along an axis into one variable for each entry of `ends`. The entry replaces ``%`` in `name`."""
     return {name.replace("%", end): one for end, one in zip(ends, np.moveaxis(values, axis, 0), strict=True)}
 
 
 def estimates(
     slopes: Floats, deviations: Iterable[Floats | None], mirror: MirrorGrid, modules: Modules, keep: Any, focal: float
 ) -> dict[str, Floats]:
-    """Return the variables of canting, waviness and pointing [mrad] and focal length [m], with standard errors.
+    """Return variables for canting, waviness and pointing [mrad] and focal length [m], with standard errors.
 
     `slopes` has the shape (M, T, 2, N) [rad] for M methods and T referentials; unknown slopes are NaN. For each method,
     `deviations` contains the standard deviations of the noise, shape (2, N) [rad], or None. For the other arguments,
@@ -217,7 +217,7 @@ def estimates(
 
 
 def slopes_of(study: BackwardGazingStudy, values: Values, seen: Any, *more: str, fit_gain: bool | None = None) -> Found:
-    """Estimate slopes from images with the methods that a study selects, and with the methods `more`."""
+    """Estimate slopes from images with the methods that a study selects, and with the additional methods `more`."""
     rows, methods = tuple(map(REFERENTIALS.index, study.referential)), (*study.method, *more)
     return find_slopes(
         seen.layout,
@@ -381,7 +381,7 @@ class Simulation:
         return made | {"slant_range": np.sqrt(layout.x**2 + layout.y**2 + up**2)[span]}
 
     def _scene(self, point: Point, way: Floats, sun: Floats, number: tuple[int, int]) -> dict[str, Any]:
-        """Compute the variables of one heliostat at one hour. Random seeds depend on heliostat and hour."""
+        """Compute the variables of one heliostat at one hour. Random seeds depend on the heliostat and the hour."""
         if not sun[2] > 0.0:
             return {"scene_status": names.NO_SUN}
         (sun_azimuth, sun_elevation), (azimuth, elevation) = _direction(sun), _direction(way)

@@ -42,10 +42,10 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
     slopes = ("slope_x", "slope_y")
     methods: dict[str, Any] = {"panels": (METHOD, PROFILE), "at": _TYPICAL}
     true = tuple(f"true_{name}" for name in slopes)
-    yield Rasters("slope_maps", "Slopes of the mirror by each method", (*slopes, *true), notes=_SEEN, **methods)
+    yield Rasters("slope_maps", "Mirror slopes by each method", (*slopes, *true), notes=_SEEN, **methods)
     yield Rasters("slope_errors", "Estimated slopes minus true slopes", ("slope_error_x", "slope_error_y"), notes=_SEEN,
                   derive=_slope_errors, interactive=False, **methods)  # fmt: skip
-    yield Rasters("images", "Images of the cameras", ("image",), panels=("camera",), at=_TYPICAL, palette="inferno",
+    yield Rasters("images", "Camera images", ("image",), panels=("camera",), at=_TYPICAL, palette="inferno",
                   notes=f"Brightness relative to the centre of the sun. {_SEEN}")  # fmt: skip
     uncertainty = ("slope_uncertainty_x", "slope_uncertainty_y")
     yield Rasters("slope_uncertainty", "Standard uncertainty of the slopes", uncertainty, at=_TYPICAL, notes=_SEEN)
@@ -57,7 +57,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
                   panels=(METHOD,), kinds=_RANKS, derive=_ranks, interactive=False)  # fmt: skip
     yield from _errors(result, study.get("defects", {}).get("canting", {}))
     error = ("slope_rms_x", "slope_rms_y", "canting_rms_x", "canting_rms_y", "cramer_rao_bound_x", "incidence")
-    yield Maps("accuracy_map", "Root mean square error of the slopes of each heliostat", error, panels=(HOUR,),
+    yield Maps("accuracy_map", "Root mean square slope error of each heliostat", error, panels=(HOUR,),
                lines=(METHOD,), at=_TYPICAL)  # fmt: skip
     yield Maps("usable_map", "Fraction of the pixels of each heliostat that are lit in at least three cameras",
                ("usable_fraction", "lit_cameras"), panels=(HOUR,), at=_TYPICAL, interactive=False)  # fmt: skip
@@ -92,8 +92,8 @@ def _errors(result: xr.Dataset, canting: dict[str, Any]) -> Iterator[Figure]:
         chosen = (*rms[:2], "usable_fraction")
         yield Grids("accuracy", "Scatter of the slopes of a module, and pixels with slopes", chosen, over=numbers[:2],
                     at=at, reduce=seeds)  # fmt: skip
-    yield Curves("sun_profile", "Brightness of the sun against the distance from the disc centre, with the fitted "
-                                "formula of Jose",
+    yield Curves("sun_profile", "Brightness of the sun over the distance from the disc centre, with Jose's "
+                                "fitted formula",
                  ("sun_brightness", "sun_formula"), over=("disc_fraction",), lines=(PROFILE,))  # fmt: skip
 
 

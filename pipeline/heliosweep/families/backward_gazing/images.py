@@ -1,7 +1,7 @@
 """Read images of the heliostat or the sun, with camera data, grey levels and metadata.
 
-NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.Metadata`. A file
-contains them as cards of a FITS header, text chunks of a PNG file, or lines ``KEY = value`` in a TIFF ImageDescription.
+NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.Metadata`. They are
+stored as FITS header cards, PNG text chunks, or lines ``KEY = value`` in a TIFF ImageDescription.
 Values in the study have priority over metadata. The first row of an image is its top row. FITS files store the bottom
 row first, unless the card ROWORDER is TOP-DOWN.
 
@@ -50,10 +50,10 @@ KNOWN_WHITE, SUN_IMAGE, BRIGHTEST = ("study", "metadata"), "sun_image", "brighte
 #: Focal length that is used if corners are marked and the focal length is unknown. The value is arbitrary, because the
 #: homography contains the scale. [pixels]
 ANY_FOCAL = 1000.0
-#: Maximum distance between a side and its expected position in each round, half the blur width of a side, and width of
-#: the bands along a side in which the bright and dark levels are measured. [pixels]
+#: Maximum distance between a side and its expected position in each round. Half the blur width of a side. Width of the
+#: bands along a side in which the bright and dark levels are measured. All in pixels.
 REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
-#: Sample spacing along and across a side, and maximum distance between an offset and the fitted line. [pixels]
+#: Sample spacing along and across a side. Maximum distance between an offset and the fitted line. All in pixels.
 ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
 #: Minimum brightness of a lit pixel relative to the sun's centre, and maximum fraction of the pixels at the image edge
 #: that are brighter than half the sun's centre. [1]
@@ -61,7 +61,7 @@ LIT, MOST_CUT = 0.3, 0.05
 
 
 class Picture(NamedTuple):
-    """An image as grey levels.
+    """Image with grey levels.
 
     Attributes
     ----------

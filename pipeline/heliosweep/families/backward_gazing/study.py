@@ -41,7 +41,7 @@ MODES = {
 #: Keys that are required for a single heliostat, but computed for the heliostats of a field.
 PLACE = (("heliostat", "distance"), ("target", "azimuth"), ("target", "elevation"), ("sun", "azimuth"),
          ("sun", "elevation"))  # fmt: skip
-#: Problems of a study, and notes in the form of strings.
+#: Problems in a study, and notes as strings.
 Found = Iterator[Problem | str]
 #: Maximum number of pixels on a mirror.
 MAX_PIXELS = 20_000_000
@@ -56,7 +56,7 @@ SIMULATED = (
 
 @dataclass(frozen=True)
 class Names(Choice):
-    """One or more names, in the order of the study. The names always form a dimension, but are never a sweep."""
+    """One or more names, in the order of the study. The names always form a dimension, but never a sweep."""
 
     sweep: bool = field(default=False, kw_only=True)
 
@@ -78,8 +78,8 @@ class BackwardGazingStudy(Study):
     family: Literal["backward_gazing"]
     mode: Annotated[str, Choice("Source of the images", MODES, sweep=False)] = "simulated"
     heliostat: Annotated[Heliostat, Field(description="Observed heliostat")] = Heliostat()
-    target: Annotated[Target, Field(description="The target with the cameras")] = Target()
-    sun: Annotated[Sun, Field(description="The sun")] = Sun()
+    target: Annotated[Target, Field(description="Target with the cameras")] = Target()
+    sun: Annotated[Sun, Field(description="Position and brightness profile of the sun")] = Sun()
     field: Annotated[
         HeliostatField | None, Field(description="Heliostats of a field instead of one; mode: simulated only")
     ] = None
@@ -93,23 +93,23 @@ class BackwardGazingStudy(Study):
     ] = None
     defects: Annotated[Defects, Field(description="Defects of the heliostat; mode: simulated only")] = Defects()
     sun_profile: Annotated[
-        str | Sweep, Choice("Profile of the sun's brightness", PROFILES, title="profile of the sun's brightness")
+        str | Sweep, Choice("Brightness profile of the sun", PROFILES, title="brightness profile of the sun")
     ] = "jose"
     profile_noise: Annotated[ProfileNoise, Field(description="Table of sun_profile: noisy")] = ProfileNoise()
     profile_error: Annotated[
         float | Sweep,
-        Quantity("Relative error of the angular radius of the profile used for the "
-                 "slopes, compared with the profile of the images", "1", gt=-0.5, le=0.5,
-                 title="relative error of the angular radius of the sun's profile"),
+        Quantity("Relative error of the solar radius assumed for the slopes, compared with the "
+                 "radius in the images", "1", gt=-0.5, le=0.5,
+                 title="relative error of the assumed solar radius"),
     ] = 0.0  # fmt: skip
     method: Annotated[tuple[str, ...], Names("Methods to estimate slopes", METHODS)] = tuple(METHODS)
     referential: Annotated[
         tuple[str, ...],
-        Names("Conversion of slopes of the wavefront to slopes of the mirror, for A and O1", REFERENTIALS),
+        Names("Conversion of wavefront slopes to mirror slopes, for A and O1", REFERENTIALS),
     ] = tuple(REFERENTIALS)
     fit_gain: Annotated[bool, Flag("True to fit a gain at each pixel, common to all cameras; not for A")] = False
     fit_profile: Annotated[
-        str | None, Choice("Profile for LM if the profile of the sun is a table", FIT_PROFILES, sweep=False)
+        str | None, Choice("Profile for LM if the sun profile is a table", FIT_PROFILES, sweep=False)
     ] = None
     erosion: Annotated[
         int | Sweep,
@@ -119,7 +119,7 @@ class BackwardGazingStudy(Study):
     output: Annotated[Output, Field(description="Stored variables and format")] = Output()
 
     def reserved_names(self) -> frozenset[str]:
-        """Return the names of variables and coordinates, which columns of a layout must not use."""
+        """Return the names of variables and coordinates, which layout columns must not use."""
         # this module imports xarray, which studies without a layout do not need
         from heliosweep.families.backward_gazing import variables as names
 
@@ -296,7 +296,7 @@ def _layout(study: BackwardGazingStudy) -> Found:
 
 
 def _measured(study: BackwardGazingStudy) -> Found:
-    """Check that the measured images show the heliostat, and that the data on the sun are consistent."""
+    """Check that the measured images show the heliostat, and that the sun data are consistent."""
     if study.mode != "measured" or isinstance(study.heliostat.pixel, Sweep):
         return
     from heliosweep.families.backward_gazing.images import read_shots, read_sun  # these imports load the kernels

@@ -93,7 +93,7 @@ _ESTIMATES = {
     ),
     "focal_length_estimate": quantity(OF_METHOD, "m", "focal length of the modules"),
     "focal_length_standard_error": quantity(
-        OF_METHOD, "m", "standard error of the focal length of the modules", "of scatter alone"
+        OF_METHOD, "m", "standard error of the focal length of the modules", "includes only the scatter"
     ),
     **{
         f"focal_length_{end}{ending}": quantity(
@@ -102,7 +102,7 @@ _ESTIMATES = {
         for end in ("long", "short")
         for ending, prefix, comment in (
             ("", "", "from the minimum and maximum curvature of the slopes of the module; negative if convex"),
-            ("_standard_error", "standard error of the ", "of scatter alone"),
+            ("_standard_error", "standard error of the ", "includes only the scatter"),
         )
     },
     "focal_axis": quantity(
@@ -111,7 +111,9 @@ _ESTIMATES = {
         "direction of the longer principal focal length of a module, from horizontal upwards",
         "seen from the target; not meaningful if its standard error is large, as for a sphere",
     ),
-    "focal_axis_standard_error": quantity(OF_MODULE, "degree", "standard error of focal_axis", "of scatter alone"),
+    "focal_axis_standard_error": quantity(
+        OF_MODULE, "degree", "standard error of focal_axis", "includes only the scatter"
+    ),
     "usable_fraction": _part(
         ("slope_method", "module"), "fraction of the pixels of the eroded module that have slopes"
     ),
@@ -124,7 +126,7 @@ _ESTIMATES = {
         ("slope_method",),
         "1",
         "number of evaluations of the merit function at a pixel",
-        "mean over the pixels that have slopes; A searches nothing",
+        "mean over the pixels that have slopes; method A does not search",
     ),
 }
 #: Long name of the lower bound on the noise of a pixel's slopes. The value of a module is the root mean square over its
@@ -227,7 +229,7 @@ RAW = {
 
 #: Variables of the heliostats in a field.
 FIELD = {
-    "slant_range": quantity(("heliostat",), "m", "distance between the centres of heliostat and target"),
+    "slant_range": quantity(("heliostat",), "m", "distance between the centres of the heliostat and the target"),
     **{name: replace(one, dims=_HOUR) for name, one in _SCENE.items()},
     **_both(
         "slope_rms_%",
@@ -377,7 +379,7 @@ def over_seeds(seeds: tuple[str, ...]) -> dict[str, Variable]:
 #: Coordinates that are not keys of the study: long name, and unit if the coordinate is numerical.
 COORDINATES = {
     "slope_method": ("method for estimating slopes",),
-    "referential": ("conversion of slopes of the wavefront to slopes of the mirror",),
+    "referential": ("conversion of wavefront slopes to mirror slopes",),
     "module": ("number of the module, counted from 1", "1"),
     "module_y": ("centre of the module, to the right as seen from the target", "m"),
     "module_z": ("centre of the module, up", "m"),
@@ -386,7 +388,7 @@ COORDINATES = {
     "camera": ("number of the camera, counted from 1", "1"),
     "y": ("position on the mirror, to the right as seen from the target", "m"),
     "z": ("position on the mirror, up", "m"),
-    "module_of_pixel": ("number of the module of the pixel, 0 between modules", "1"),
+    "module_of_pixel": ("module number of the pixel, 0 between modules", "1"),
     "hour": ("solar hour", "h"),
     "disc_fraction": ("angle from the centre of the sun's disc divided by its angular radius", "1"),
     "sun_world_azimuth": ("azimuth of the sun, clockwise from north", "degree"),

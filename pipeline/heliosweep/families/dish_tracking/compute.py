@@ -88,8 +88,8 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
             effective_tracking_factor_mean_over_dates=(_MEAN.format("dates", of), f"{_DATES}mean (over the dates)"),
             effective_tracking_factor_std_over_dates=(
                 _STD.format("dates", of), _DATES + deviation.format("over the dates")),
-            effective_tracking_factor_min=(f"least {of} of all dates", f"{_DATES}minimum (over the dates)"),
-            effective_tracking_factor_max=(f"largest {of} of all dates", f"{_DATES}maximum (over the dates)"),
+            effective_tracking_factor_min=(f"minimum {of} over all dates", f"{_DATES}minimum (over the dates)"),
+            effective_tracking_factor_max=(f"maximum {of} over all dates", f"{_DATES}maximum (over the dates)"),
         )),
         (dates, "", "datetime64[ns]", True, (), {
             "date_of_min": {"long_name": f"date of the minimum {of}"},
@@ -118,17 +118,17 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
         }}),
         (study.concentrator is not None, "", "float64", False, (), {
             "energy_loss": {
-                "units": "1", "long_name": "energy of a year lost to tracking errors",
+                "units": "1", "long_name": "annual energy lost to tracking errors",
                 "comment": "relative to the energy in the aperture with perfect tracking", BEST_VALUE: SMALLEST,
             },
             "intercept_efficiency": {
-                "units": "1", "long_name": "intercept of the dish in a year", "valid_range": [0.0, 1.0],
-                "comment": "fraction of the light of the mirror that passes the aperture, weighted by direct "
+                "units": "1", "long_name": "annual intercept of the dish", "valid_range": [0.0, 1.0],
+                "comment": "fraction of the reflected light that passes the aperture, weighted by direct "
                            "irradiance",
                 BEST_VALUE: LARGEST,
             },
             "aperture_energy": {
-                "units": "MWh", "long_name": "energy in the aperture in a year", "cell_methods": "time: sum",
+                "units": "MWh", "long_name": "annual energy in the aperture", "cell_methods": "time: sum",
                 "comment": "for a mirror with a reflectivity of 1", BEST_VALUE: LARGEST,
             },
         }),
@@ -163,7 +163,7 @@ def computation(study: DishTrackingStudy) -> Computation:
     solved, swept = study.statistics is not None, {dim.name for dim in study.dimensions()}
     concentrator = study.concentrator
     air = f"{sun.pressure:g} hPa and {sun.temperature:g} deg C"
-    elevation = f"apparent, at {air}" if sun.elevation == "apparent" else f"geometric, {air} without effect"
+    elevation = f"apparent, at {air}" if sun.elevation == "apparent" else f"geometric; {air} have no effect"
     return Computation(
         function=factors,
         variables=variables(study),
@@ -325,7 +325,7 @@ def windows_of(time: DishTime, ephemeris: Ephemeris, timezone: str, place: tuple
 
 
 def sun_of(ephemeris: Ephemeris, place: tuple[float, ...], utc: Stamps) -> Floats:
-    """Return the unit vectors to the sun that the controller uses: east, north, up; NaN for NaT. [1]"""
+    """Return the unit vectors to the sun (east, north, up) that the controller uses; NaN for NaT. [1]"""
     latitude, longitude, altitude = place
     sun = sun_vectors(utc, latitude, longitude, altitude, ephemeris.delta_t)
     return sun if ephemeris.elevation == "geometric" else refracted(sun, 100 * ephemeris.pressure,

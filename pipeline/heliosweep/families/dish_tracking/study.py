@@ -39,8 +39,8 @@ MODELS = {
     "rigid": "the whole mount is tilted, and the controller does not correct the tilt",
     "untilted_home_axes": "only the azimuth axis leans, and the home position is correct (Liu et al. 2022)",
 }
-#: Maximum number of tilt directions that are compared with each other, fraction of nighttime instants above which a
-#: warning is given, and word for a window from sunrise to sunset.
+#: Maximum number of tilt directions that are compared with each other. Fraction of nighttime instants above which a
+#: warning is given. Name of the window from sunrise to sunset.
 MOST_DIRECTIONS, NIGHT, SUNLIT = 100_000, 0.01, "sunrise_to_sunset"
 
 
@@ -60,7 +60,7 @@ class SunTime(WallTime):
 
 
 class DishWindow(Block):
-    """Part of each date that is evaluated: between two wall-clock times, or from sunrise to sunset.
+    """Evaluated part of each date: between two wall-clock times, or from sunrise to sunset.
 
     The word ``sunrise_to_sunset`` means ``{start: sunrise, stop: sunset, step: 10 min}``.
     """
@@ -103,7 +103,7 @@ class DishWindow(Block):
 class DishTime(CivilTime):
     """Dates and a daily window, with the option to omit instants with the sun below the horizon."""
 
-    window: Annotated[DishWindow, Field(description="Part of each date that is evaluated")]  # type: ignore[assignment]
+    window: Annotated[DishWindow, Field(description="Evaluated part of each date")]  # type: ignore[assignment]
     daylight_only: Annotated[bool, Flag("True to evaluate only instants with the sun above the horizon")] = False
 
     def rules(self) -> Iterator[Fault]:
@@ -128,7 +128,7 @@ class DishMount(Block):
 
 
 class MountErrors(Block):
-    """Errors of the mount that the controller does not correct."""
+    """Mount errors that the controller does not correct."""
 
     axis_tilt: Annotated[
         float | Sweep,
@@ -191,7 +191,7 @@ def _length(description: str, title: str) -> Quantity:
 
 
 class Concentrator(Block):
-    """Paraboloid with a round aperture in its focus, used to compute the energy over a year of weather."""
+    """Paraboloid with a round aperture at its focus, used to compute the energy over a year of weather."""
 
     weather: Annotated[
         str,
@@ -263,8 +263,8 @@ class DishTrackingStudy(Study):
     site: Annotated[Site | None, Field(description="Site of the dish; or several 'sites'")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
     time: Annotated[DishTime, Field(description="Dates and daily window of the tracking factor")]
-    mount: Annotated[DishMount, Field(description="The mount")]
-    errors: Annotated[MountErrors, Field(description="Its errors")]
+    mount: Annotated[DishMount, Field(description="Mount model")]
+    errors: Annotated[MountErrors, Field(description="Mount errors")]
     tolerance: Annotated[
         float | Sweep,
         Quantity(
@@ -278,12 +278,12 @@ class DishTrackingStudy(Study):
     ]
     clip: Annotated[bool, Flag("True to limit each error to `tolerance`")] = False
     concentrator: Annotated[
-        Concentrator | None, Field(description="Mirror and aperture, for the energy of a year (default: none)")
+        Concentrator | None, Field(description="Mirror and aperture, for the annual energy (default: none)")
     ] = None
     statistics: Annotated[
         Statistics | None, Field(description=("Results of root finding, in addition to the grid"))
     ] = None
-    ephemeris: Annotated[Ephemeris, Field(description="The sun")] = Ephemeris()
+    ephemeris: Annotated[Ephemeris, Field(description="Solar position algorithm")] = Ephemeris()
 
     def rules(self) -> Iterator[Fault]:
         """Check that either `site` or `sites` is given, and that stored instants are common to all sites."""

@@ -62,8 +62,8 @@ LARGEST_DEVIATION = 5.0
 #: Codes for alternative interpretations of a spot table.
 MIRRORED, EARLIER, LATER = 1, 2, 3
 READINGS = {0: "as_given", MIRRORED: "mirrored", EARLIER: "an_hour_earlier", LATER: "an_hour_later"}
-#: Median length of a vector with two standard normal coordinates, tuning constant for Huber's weights, and number of
-#: fits with these weights.
+#: Median length of a vector with two standard normal coordinates. Tuning constant of Huber's weights. Number of fits
+#: with these weights.
 _MEDIAN, _HUBER, _ROUNDS = 1.17741, 1.345, 2
 #: Distance between a spot and its prediction below which the spot never counts as an outlier. [m]
 LEAST_DISTANCE = 0.005
@@ -90,7 +90,7 @@ _WHERE = {
     "y": f"{SIDES['y']} for an observer in the field who faces the receiver",
     "z": f"{SIDES['z']}, along the receiver's face",
 }
-#: Axis of the mount for each encoder angle.
+#: Mount axis for each encoder angle.
 MOUNT_AXES = {"azimuth": "primary", "elevation": "secondary"}
 #: Variables whose best value is the minimum.
 _SMALLEST = (
@@ -116,14 +116,14 @@ def computation(study: MisalignmentStudy) -> Computation:
         attrs={"spots": "measured" if measured else "synthetic"},
         inputs=study.campaigns,
         evaluations=count,
-        memory=lambda: 1000 * count(),  # bytes for each spot of a fit
+        memory=lambda: 1000 * count(),  # bytes for each spot in a fit
         unit="spots",
     )
 
 
 def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
-    """Return the labels of the inner dimensions of estimates, with `what` ("spot" or "crossing") in long names."""
-    error, draws = (np.array(ERRORS, dtype=object), {"long_name": "error of the mount"}), draw_count(study)
+    """Return the inner dimension labels of estimates, with `what` ("spot" or "crossing") in their long names."""
+    error, draws = (np.array(ERRORS, dtype=object), {"long_name": "mount error"}), draw_count(study)
     labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
     if draws:
         labels["sample"] = numbered(draws, "number of the draw, counted from 0")
@@ -171,7 +171,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         ),
     }
     angle = "root mean square of the angle between measured and predicted spots, seen from the pivot"
-    comment = "angle of the beam, which rotates by twice the angle of the mirror; over the used spots"
+    comment = "angle of the beam, twice the angle of the mirror; over the spots used"
     if measured:
         found |= {
             "beam_residual_rms": quantity(lead, "mrad", angle, f"{comment}, with the estimated errors"),
@@ -211,7 +211,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             "period_change": quantity(errors, "mrad", f"change of the mount error {since}"),
             "period_change_error": quantity(errors, "mrad", f"standard error: change of the mount error {since}"),
             "drift": replace(flags(errors, "mount error has changed since the first window", words,
-                                   "a change is outside the 99.9 % interval of no change (t distribution)"),
+                                   "a change is outside the 99.9 % confidence interval for no change (t distribution)"),
                              missing=-1),
         }  # fmt: skip
     for name, (meaning, *comments) in _SPOTS.items():
@@ -256,13 +256,14 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
     meanings = {code: words.replace("%", what) for code, words in STATUS.items() if spots or code < DOUBTFUL}
     truth = {"true_error": quantity(of_errors, "mrad", f"error of the synthetic {what}s")}
     interval = (
-        "95 % intervals follow from the t distribution with 2 spots_used - parameters degrees of freedom; they "
+        "95 % confidence intervals follow from the t distribution with 2 spots_used - parameters degrees of freedom; "
+        "they "
         "contain the true error in 95 % of the cases for spots from at least two days, but in 85 to 90 % for six "
         "errors and spots from one day; missing if the numbers of equations and errors are equal"
         if spots
         else (
             "from noise and pitch of the detectors (pitch / sqrt(12) without noise), or from the residuals if both "
-            "are 0; 95 % intervals extend 1.96 standard errors to both sides"
+            "are 0; 95 % confidence intervals extend 1.96 standard errors to both sides"
         )
     )
     return {
@@ -294,7 +295,8 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
         "least_known_direction": replace(
             flags(
                 lead,
-                f"error with the largest component in the combination of errors that the {what}s determine least",
+                f"error with the largest component in the combination of errors that the {what}s determine "
+                "least accurately",
                 dict(enumerate(("nothing_estimated", *ERRORS), -1)),
             ),
             missing=-1,
@@ -346,7 +348,7 @@ def observed_of(
 
 
 def command_values(mounts: Mounts, sun: Floats, corrected: Floats) -> Values:
-    """Return the values of commanded angles before and after correction.
+    """Return the commanded angles before and after correction, by variable name.
 
     `corrected` contains the corrected angles, shape (H, K, T, 2). [rad]
     """
@@ -406,7 +408,7 @@ def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Val
 
 
 def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
-    """Return the spots (y, z) of mounts whose errors are `actual` and whose commands correct the errors `known`.
+    """Return the spots (y, z) of mounts with the errors `actual` and commands that correct the errors `known`.
 
     Both arrays of errors have the shape (H, K, 6) [rad]; `known` may also have the shape (1, 1, 6). The spots have the
     shape (H, K, T, 2) [m].
@@ -515,7 +517,7 @@ def _medians(values: Floats) -> Floats:
 def _better_reading(
     mounts: Mounts, observed: Observed, given: NDArray[np.bool_], found: Fit, latitude: float, options: dict[str, Any]
 ) -> NDArray[np.int64]:
-    """Return the interpretation of the spot table that fits each heliostat best, a code of `READINGS`, shape (H,).
+    """Return the code in `READINGS` for the spot table interpretation that fits each heliostat best, shape (H,).
 
     An alternative interpretation is chosen if its mount errors are plausible and it more than halves the root mean
     square residual. In a mirrored table, the sign of y or z is reversed. For times that are an hour early or late, the

@@ -1,4 +1,4 @@
-"""Mode `detectors`: mount errors from crossings of traces with detector arrays, and a closed loop of corrections."""
+"""Mode `detectors`: mount errors from crossings of traces with detector arrays, and closed-loop correction."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def computation(study: MisalignmentStudy) -> Computation:
     segments, rounds = segments_of(block), block.rounds or 1
     dims = labels_of(study, "crossing") | {
         "trace": (np.array(TRACES, object), {"long_name": "trace, named after the axis of its cylinder"}),
-        "detector": numbered(segments.starts.size, "number of the array of detectors, counted from 0, lines first"),
+        "detector": numbered(segments.starts.size, "number of the detector array, counted from 0, lines first"),
         "crossing": numbered(segments.most, "number of the crossing of a trace with an array, counted from 0"),
     }
     keys = [f"detectors.{key}" for key in ("parameters", "pitch", "noise")]
@@ -100,7 +100,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     lead, each = ("heliostat",), ("heliostat", *instant_sizes(study))
     dims, rounds = (*each, "trace", "detector", "crossing"), (*lead, "round")
     whose = "of the aligned heliostat" if measured else "before any correction, without noise"
-    meaning = f"crossing of a trace and an array of detectors {whose}, %"
+    meaning = f"crossing of a trace and a detector array {whose}, %"
     found = pair(
         "crossing_%", _SIDES, dims, "m", meaning, "ascending along the array; missing if there are fewer crossings"
     ) | {
@@ -114,7 +114,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         "crossing_angle": quantity(
             dims,
             "mrad",
-            f"angle from the normal of the mirror to the normal of the cylinder at the ray of a crossing {whose}",
+            f"angle from the mirror normal to the cylinder normal at the ray of a crossing {whose}",
             "positive upwards (elevation trace) or clockwise from above (azimuth trace)",
         ),
         "detector_status": coded(each, "crossings that the arrays detect", SIGHT),
@@ -153,8 +153,8 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             rounds, "m", "root mean square distance of the spot from the aim point", over
         ),
         "round_hit_fraction": quantity(
-            rounds, "1", "fraction of the instants with sunlight in which the spot lies in the aperture",
-            "round 0: before any",
+            rounds, "1", "fraction of the instants with sunlight at which the spot lies in the aperture",
+            "round 0: before any correction",
         ),
         **pair("spot_%_before", _SIDES, each, "m", "spot before any correction, %"),
         **pair("spot_%_after", _SIDES, each, "m", "spot after the last round, %"),
@@ -227,7 +227,7 @@ class _Field(NamedTuple):
         )
 
     def sights(self, mirror: Stand) -> Values:
-        """Return the crossings between each trace and each array, with a status that explains missing crossings."""
+        """Return the crossings of each trace with each array, with a status that explains missing crossings."""
         places, turned = self.crossings(mirror)
         lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, self.mounts.face[0]) > 0)
         crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
@@ -326,7 +326,7 @@ class _Field(NamedTuple):
         }
 
     def from_table(self, numbers: NDArray[np.int64], measured: MeasuredSpots) -> Values:
-        """Return estimates from measured crossings, and crossings of mounts without errors, shape (H, 1, ...)."""
+        """Return estimates from measured crossings, and the crossings of mounts without errors, shape (H, 1, ...)."""
         none = np.zeros((len(numbers), 1, 1, len(ERRORS)))
         values = self.sights(self.mounts.stand(self.mounts.aim(self.sun, none), none))
         _, which = self.segments.nearest(measured.position)

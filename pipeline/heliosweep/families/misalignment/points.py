@@ -33,7 +33,7 @@ SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
 NOISE_STREAMS = (100, 101)
 #: Maximum number of noise values in one draw, limited by the counter of the random number generator.
 MOST_NUMBERS = 2**24
-#: Keys that have a single value in each group of points that is computed in one call.
+#: Keys with a single value in each group of points computed in one call.
 APART = ("sun.azimuth", "sun.elevation", "heliostats.pivot_height")
 #: Keys that label a result even if they are not swept.
 _LABELS = (
@@ -63,12 +63,12 @@ def computation(study: MisalignmentStudy) -> Computation:
 
 
 def instant_sizes(study: MisalignmentStudy) -> dict[str, int]:
-    """Return the lengths of the dimensions for days and hours."""
+    """Return the lengths of the day and hour dimensions."""
     return {dim: one if isinstance(one, int) else len(one[0]) for dim, one in days_and_hours(study).items()}
 
 
 def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
-    """Return the labels of days and hours, or the length 1 of both dimensions if the sun is fixed."""
+    """Return the day and hour labels, or the length 1 of both dimensions if the sun is fixed."""
     time = study.time
     if time is None:
         return {"day": 1, "hour": 1}
@@ -149,7 +149,7 @@ def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None, give
     """Return the values of a key at the points of a group; 0 if the key has no value.
 
     `shape` is the number of values to return along each dimension of the group (default: all). A value `given` other
-    than None replaces the values of the key.
+    than None overrides the values of the key.
     """
     values = [value for value in (given, point[key], 0.0) if value is not None]
     return np.broadcast_to(values[0], point.group)[tuple(map(slice, shape or point.group))].ravel()
@@ -207,7 +207,7 @@ def coded(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], co
 
 
 def numbered(count: int, meaning: str) -> tuple[NDArray[np.int64], dict[str, str]]:
-    """Return the labels of a dimension, integers counted from 0, and their attributes."""
+    """Return the labels of a dimension (integers from 0) and their attributes."""
     return np.arange(count), {"long_name": meaning, "units": "1"}
 
 
@@ -240,7 +240,7 @@ def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[n
         yield mean + spread * deviates
 
 
-#: Cached version of `standard_deviates`, because consecutive points use equal deviates.
+#: Cached version of `standard_deviates`. Consecutive points use the same deviates.
 _deviates = lru_cache(maxsize=2)(standard_deviates)
 
 

@@ -49,7 +49,7 @@ _TYPICAL = {
     "days_used": 99,
     "round": 99,
 }
-#: Dimensions that do not belong to swept keys.
+#: Dimensions other than swept keys.
 _OWN = (HELIOSTAT, HOUR, *DAYS, "sample", "spot", "parameter", "parameter_2", "round", "percentile", "detector",
         "crossing", "trace", "conic_coefficient", "outline", "edge", "tolerance_axis")  # fmt: skip
 _SEEN = "Seen from the field. Grey: aperture."
@@ -107,7 +107,7 @@ def _spots(result: xr.Dataset) -> list[Figure]:
         ),
         Planes(
             "crossings",
-            "Crossings of the traces with the arrays of detectors (grey lines)",
+            "Crossings of the traces with the detector arrays (grey lines)",
             ("crossing_z",) if "trace" in result.sizes else (),
             over=(HOUR, "detector", "crossing", "spot"),
             lines=("trace",),
@@ -196,7 +196,7 @@ def _calibration(result: xr.Dataset) -> list[Figure]:
                notes=_SEEN, against={"spot_z_after": "spot_y_after"}, dots=True, interactive=False),
         Special(
             "recovered_errors",
-            "Estimated errors against true errors, with 95 % intervals",
+            "Estimated errors against true errors, with 95 % confidence intervals",
             ("estimated_error", "true_error", "standard_error"),
             draw=_recovered,
         ),
@@ -214,9 +214,9 @@ def _calibration(result: xr.Dataset) -> list[Figure]:
             )
             for dim in runs[:1]
         ),
-        Curves("mount_errors", "Errors of the mount with standard errors", ("estimated_error",), over=("parameter",),
+        Curves("mount_errors", "Mount errors with standard errors", ("estimated_error",), over=("parameter",),
                bands={"estimated_error": ("standard_error",)}, lines=(HELIOSTAT, "loss", "parameters"), at=_TYPICAL),
-        Curves("drift", "Errors of the mounts in moving windows, with standard errors", ("period_error",),
+        Curves("drift", "Mount errors in moving windows, with standard errors", ("period_error",),
                over=("period",), lines=(HELIOSTAT,), panels=("parameter",), at=_TYPICAL,
                bands={"period_error": ("period_standard_error",)}, derive=lambda data: (
                    # Errors that are not estimated are omitted.
@@ -250,7 +250,7 @@ def _before_after(result: xr.Dataset) -> xr.Dataset:
 
 
 def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
-    """Draw the complete deviation curves, foci, beam edges, measured spots and detector lines of one panel."""
+    """Draw the complete deviation curves, foci, beam edges, measured spots and detector lines in one panel."""
     y, z = np.meshgrid(*(np.linspace(low, high, 201) for low, high in (axes.get_xlim(), axes.get_ylim())))
     look: dict[str, Any] = {"scalex": False, "scaley": False}
     names = np.atleast_1d(result["axis"].to_numpy()).tolist() if "axis" in result.coords else [""]
@@ -327,7 +327,7 @@ def _recovered(result: xr.Dataset) -> Any:
         middle = np.nanmean(true) if np.isfinite(true).any() else 0.0
         axes.axline((middle, middle), slope=1, color="#888888", linewidth=0.7)
         axes.set(title=str(result["parameter"].to_numpy()[index]).replace("_", " "), xlabel="true error (mrad)")
-        axes.set(ylabel="error found (mrad)" if index % 3 == 0 else "")
+        axes.set(ylabel="estimated error (mrad)" if index % 3 == 0 else "")
         axes.grid(True)
     return drawing, context.note(fixed)
 
@@ -405,7 +405,7 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
         "Spots inside: fraction of all draws and hours with sun in which the centre of the beam is inside the "
         "aperture. Spread: standard deviation over the draws, median over heliostats and hours."
     )
-    return numbers(result, dims, shown, "Hits of mounts with drawn errors", [note])
+    return numbers(result, dims, shown, "Hit fractions of mounts with drawn errors", [note])
 
 
 #: Maximum number of spots or heliostats that a warning lists.
@@ -567,7 +567,7 @@ def _of_drift(result: xr.Dataset) -> Remarks:
     yield (
         rows.size,
         f"{rows.size:,} errors of {len(set(rows.tolist())):,} heliostats have changed since the first window, "
-        f"outside the 99.9 % intervals: {listed}{'; ...' * (rows.size > _LISTED)} (drift 1)",
+        f"outside the 99.9 % confidence intervals: {listed}{'; ...' * (rows.size > _LISTED)} (drift 1)",
     )
 
 

@@ -2,7 +2,7 @@
 
 Mode `curves` computes deviation curves with their tolerances, conics and crossings with detectors. Mode `mount_errors`
 computes spots for fixed, swept or drawn errors, and statistics over the draws. Drawn errors are not stored, but
-recomputed from the seed in each call. The drawn errors of a heliostat are equal at all instants and points.
+recomputed from the seed in each call. The drawn errors of a heliostat are the same at all instants and points.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _SEEN = "for an observer in the field who faces the receiver; missing unless spo
 TOLERANCE_AXES = ("elevation", "azimuth")
 #: Default percentiles of the remaining tolerance.
 PERCENTILES = (5.0, 50.0, 95.0)
-#: Name of the variable for each result of the kernel.
+#: Variable name for each kernel result.
 _MOMENTS = {
     "mean_y": "spot_y_mean",
     "mean_z": "spot_z_mean",
@@ -86,7 +86,7 @@ def curves_work(study: MisalignmentStudy) -> Computation:
     name = {"long_name": "coefficient of the deviation curve"}
     dims: dict[str, Any] = {"conic_coefficient": (np.array(("A", "B", "C", "D", "E", "F"), dtype=object), name)}
     if len(lines := _lines(study)):
-        dims["detector"] = numbered(len(lines), "number of the line of detectors, counted from 0")
+        dims["detector"] = numbered(len(lines), "number of the detector line, counted from 0")
     if study.beam is not None:
         turn = {"long_name": "position on the outline of a spot, given as the angle about the ray", "units": "degree"}
         side = {
@@ -120,7 +120,7 @@ def _lines(study: MisalignmentStudy) -> Floats:
 
 def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
     added: dict[str, Any] = {
-        key: ("detector", column, {"long_name": f"{key} of the line of detectors l0 Y + l1 Z = l2", "units": unit})
+        key: ("detector", column, {"long_name": f"{key} of the detector line l0 Y + l1 Z = l2", "units": unit})
         for column, (key, unit) in zip(_lines(study).T, {"l0": "1", "l1": "1", "l2": "m"}.items(), strict=True)
         if column.size
     }
@@ -183,13 +183,13 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
     date = {"long_name": "local date of the minimum tolerance", "comment": _FIRST}
     instants = {
         "day": of_curve(dims[:1], "1", "day of the year of the minimum tolerance", _FIRST),
-        "declination": of_curve(dims[:1], "degree", "declination of the sun of the minimum tolerance", _FIRST),
+        "declination": of_curve(dims[:1], "degree", "declination of the sun at the minimum tolerance", _FIRST),
         "date": Variable(dims[:1], date, np.dtype("datetime64[ns]"), without=alone),
         "hour": of_curve(dims[:1], "h", "hour of the minimum tolerance", _FIRST),
     }
     found |= {f"{dim}_of_minimum_tolerance": instants[dim] for dim in (day, hour) if study.time is not None}
     if study.detectors is not None:
-        meaning = "crossing of the deviation curve with a line of detectors"
+        meaning = "crossing of the deviation curve with a detector line"
         found |= {
             f"crossing_{side}": of_curve(
                 (*dims, "detector"),
@@ -202,7 +202,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             "crossing_error": of_curve(
                 (*dims, "detector"),
                 "mrad",
-                "error at which the spot lies on a line of detectors",
+                "error at which the spot lies on a detector line",
                 "minimum error of either sign; missing if there is none",
             )
         }

@@ -76,7 +76,7 @@ def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
 _place = partial(Column, required=True, least=-FARTHEST, most=FARTHEST, bounds="between -1e6 and 1e6 m")
 _angle = partial(Column, least=-LARGEST, most=LARGEST, bounds=f"between {-LARGEST:g} and {LARGEST:g} deg")
 _NO_TIME = np.datetime64("NaT", "ns")
-#: Declarations of the columns in a file of spots.
+#: Declarations of the columns in a spot file.
 COLUMNS = {
     "heliostat": Column("number of the heliostat, counted from 0, or its name in the layout", required=True),
     "y": _place("spot on the receiver plane, to the right of the aim point for an observer in the field, in m"),
@@ -108,7 +108,7 @@ def _trace(text: str) -> int:
     return TRACES.index(text)
 
 
-#: Columns that a table of detector crossings adds or replaces.
+#: Columns that a detector crossing table adds or replaces.
 CROSSING = {
     "trace": Column("elevation or azimuth", required=True, read=_trace, dtype=np.int64, missing=0),
     "y": _place("crossing on the receiver plane, to the right of the aim point for an observer in the field, in m"),
@@ -119,7 +119,7 @@ _SUN = ("sun_x", "sun_y", "sun_z")
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSpots:
-    """Measured spots, or crossings of detectors, in the order of their file.
+    """Measured spots, or detector crossings, in the order of the file.
 
     Parameters
     ----------
@@ -136,13 +136,13 @@ class MeasuredSpots:
     angles : ndarray, shape (S, 2)
         Commanded encoder angles; NaN if the mount used the angles of an ideal mount. [rad]
     lines : ndarray of int64, shape (S,)
-        Line of each spot in the file, counted from 1.
+        Line number of each spot in the file, counted from 1.
     name : str
         Name of the file as given by the user.
     trace : ndarray of int64, shape (S,), optional
         For detector crossings, index of the trace in `TRACES`.
     targets : tuple of str
-        Names of the targets whose planes contain the spots, if the file has a column of targets.
+        Names of the targets whose planes contain the spots, if the file has a target column.
     unused : tuple of str
         Titles of ignored columns.
     spot : tuple of str
@@ -182,7 +182,7 @@ class MeasuredSpots:
         return table[numbers]
 
     def held_out(self, given: int | tuple[str, ...] | None) -> NDArray[np.bool_]:
-        """Return a flag for each spot, True if the spot is held out, shape (S,).
+        """Return True for each held-out spot, shape (S,).
 
         `given` contains the names of the held-out spots, or their number for each heliostat. A number selects the
         latest spots, or the last spots in the file if the spots have no times.
@@ -237,7 +237,7 @@ def read_spots(
     timezone: str = "",
     columns: Sequence[tuple[str, str, float, float]] = (),
 ) -> MeasuredSpots:
-    """Read measured spots, or crossings of detectors, from a CSV file.
+    """Read measured spots, or detector crossings, from a CSV file.
 
     The first row contains column titles from `COLUMNS`. The columns ``heliostat``, ``y`` and ``z`` are required, and
     also either ``time`` or all of ``sun_x``, ``sun_y`` and ``sun_z``. The columns ``weight``, ``azimuth`` with
@@ -298,7 +298,7 @@ def read_spots(
             utc[local] = wall_to_utc(utc[local], parse_timezone(timezone))
 
     def values(*keys: str, missing: Any = np.nan) -> NDArray[Any]:
-        """Return columns as one array. Columns that the table lacks are filled with `missing`."""
+        """Return columns as one array. Columns missing from the table are filled with `missing`."""
         given = [table.column(key) if key in table.header else np.full(len(table), missing) for key in keys]
         return np.stack(given, axis=-1)
 
@@ -325,7 +325,7 @@ def _below(sun: Floats) -> str:
 
 
 def _heliostats(count: int, names: Sequence[str]) -> Column:
-    """Return the declaration of the heliostat column. Cells are compared first with names, then with numbers."""
+    """Return the declaration of the heliostat column. Cells are compared with names first, then with numbers."""
     rows, numbers = {name: row for row, name in enumerate(names)}, Counter(names)
 
     def number(given: str) -> int:
@@ -345,14 +345,14 @@ def _heliostats(count: int, names: Sequence[str]) -> Column:
 def _check_header(table: Table) -> None:
     sun = [key for key in _SUN if key in table.header]
     missing = ", ".join(key for key in _SUN if key not in sun)
-    words = f"the columns {missing} beside {', '.join(sun)}" if sun else "a column time, or sun_x, sun_y, sun_z"
+    words = f"the columns {missing} in addition to {', '.join(sun)}" if sun else "a column time, or sun_x, sun_y, sun_z"
     if "time" in table.header and sun:
         table.add(f"has both time and {sun[0]}: remove one of them, because they may contradict each other", HEADER)
     elif "time" not in table.header and missing:
         table.add(f"needs {words}, the direction of the sun for the spot", HEADER)
     for key, other in (("azimuth", "elevation"), ("elevation", "azimuth")):
         if key in table.header and other not in table.header:
-            table.add(f"needs a column {other} beside {key}, or neither of these commanded angles", HEADER)
+            table.add(f"needs a column {other} in addition to {key}, or neither of these commanded angles", HEADER)
 
 
 def _unit_vectors(table: Table, sun: Floats) -> Floats:
@@ -422,7 +422,7 @@ class Segments(NamedTuple):
         return np.clip(read, self.ends[self.starts, :1], longest[:, np.newaxis])
 
     def points(self, places: Floats) -> tuple[Floats, Floats]:
-        """Return the points (y, z) at positions along the arrays, and the array directions, shape (..., A, C, 2)."""
+        """Return the points (y, z) along the arrays, and the array directions, both of shape (..., A, C, 2)."""
         own = self.array == np.arange(self.starts.size)[:, np.newaxis, np.newaxis]  # (A, 1, S)
         passed = np.count_nonzero(own & (self.origin + self.ends[:, 0] <= places[..., np.newaxis]), axis=-1)
         which = self.starts[:, np.newaxis] + np.maximum(passed - 1, 0)
@@ -488,7 +488,7 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
     aimed = set(measured.targets if layout is None else layout.columns.get("target", measured.targets))
     if layout is not None and measured.targets and aimed != set(measured.targets):
         spots, field = ", ".join(measured.targets), ", ".join(map(str, aimed))
-        message = f"are on the target {spots}, and {layout.name} is measured from the target {field}"
+        message = f"are on the target {spots}, but {layout.name} is measured from the target {field}"
         yield study.problem(key, f"{message}: convert both with one --aim")
     elif key != "measured":
         yield from _far_rows(study, measured)
@@ -503,11 +503,11 @@ def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem
         distance = np.hypot(*measured.position.T)
         # With commanded angles, the mount may have aimed at another point.
         far = (distance > FARTHEST_SPOT * away) & np.isnan(measured.angles).any(axis=1)
-        words = "the spot is {:.4g} m from the aim point, and its heliostat {:.4g} m: check that it is in metres"
+        words = "the spot is {:.4g} m and its heliostat {:.4g} m from the aim point: check that the spot is in metres"
     else:
         away = distance = segments_of(study.detectors).nearest(measured.position)[0]
         far = distance > FARTHEST_CROSSING
-        words = "the crossing is {:.4g} m from the nearest array of detectors: check that both are in metres"
+        words = "the crossing is {:.4g} m from the nearest detector array: check that both are in metres"
     rows = np.flatnonzero(far)
     return measured.problems(rows, [words.format(distance[row], away[row]) for row in rows[:MAX_LISTED]])
 
@@ -533,7 +533,7 @@ def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what:
         yield (
             f"{len(other):,} names of heliostats are integers that differ from their rows, such as "
             f"{names[other[0]]!r} of row "
-            f"{other[0]}: the heliostats in the file of spots are read as names"
+            f"{other[0]}: the heliostats in the spot file are read as names"
         )
 
 

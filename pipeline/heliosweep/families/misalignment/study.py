@@ -78,7 +78,7 @@ AXES = {
 fault = partial(Fault, show_value=False)
 #: Meaning of the mount errors in each mode that requires them if the study has no table of spots.
 TRUTH = {
-    "mount_errors": "the errors of the mounts",
+    "mount_errors": "the mount errors",
     "calibration": "the true errors of synthetic spots",
     "detectors": "the true errors of synthetic crossings",
 }
@@ -138,7 +138,7 @@ class Sun(Block):
 
 
 class Receiver(ReceiverPoint):
-    """The flat rectangular receiver, whose centre is the aim point of all heliostats."""
+    """Flat rectangular receiver whose centre is the aim point of all heliostats."""
 
     azimuth: Annotated[
         float | Sweep,
@@ -168,7 +168,7 @@ class Receiver(ReceiverPoint):
 
 
 class Heliostats(Block):
-    """The pivots of the heliostats."""
+    """Pivots of the heliostats."""
 
     positions: Annotated[
         tuple[Triple, ...] | None,
@@ -186,7 +186,7 @@ class Heliostats(Block):
 
 
 class Mount(Block):
-    """The two-axis mount of all heliostats."""
+    """Two-axis mount of all heliostats."""
 
     kind: Annotated[
         str | Sweep, Choice("Direction of the primary axis", MOUNTS, dimension="mount_kind", title="kind of mount")
@@ -222,10 +222,10 @@ class Mount(Block):
 
 
 class Error(Block):
-    """The misalignment whose deviation curves are computed."""
+    """Misalignment for which deviation curves are computed."""
 
-    source: Annotated[str | Sweep, Choice("What is misaligned", SOURCES, title="source of the error")] = "canting"
-    axis: Annotated[str | Sweep, Choice("About which axis", AXES, title="axis of the error")] = "elevation"
+    source: Annotated[str | Sweep, Choice("Misaligned part", SOURCES, title="source of the error")] = "canting"
+    axis: Annotated[str | Sweep, Choice("Axis of the error", AXES, title="axis of the error")] = "elevation"
     size: Annotated[
         float | Sweep,
         Quantity(
@@ -251,7 +251,7 @@ class Beam(Block):
 
 
 class MountErrors(MountAngles):
-    """Errors of the mount. Each error is fixed, swept, or drawn from a distribution."""
+    """Mount errors. Each error is fixed, swept, or drawn from a distribution."""
 
     samples: Annotated[
         int | None,
@@ -301,7 +301,7 @@ _LIMIT = Quantity(
 )  # fmt: skip
 #: Methods that correct the commands in a closed loop.
 CORRECTIONS = {
-    "mount": "errors of the mount, estimated from all previous crossings",
+    "mount": "mount errors, estimated from all previous crossings",
     "instant": "offsets of both encoders at each instant, from the crossings at this instant in the previous round",
 }
 
@@ -316,7 +316,7 @@ class DetectorArray(Block):
     points: Annotated[
         tuple[tuple[float, float], ...],
         ListOfNumbers(
-            "Ends of the straight segments: distance to the right of the aim point, and above it", "m", ("y", "z")
+            "Ends of the straight segments: position to the right of the aim point, and above it", "m", ("y", "z")
         ),
     ]
 
@@ -332,7 +332,7 @@ class Detectors(Block):
     ] = None
     arrays: Annotated[
         tuple[DetectorArray, ...] | None,
-        Field(description=f"Arrays of detectors along straight segments, {MAX_ARRAYS} at most; mode: detectors only"),
+        Field(description=f"Detector arrays along straight segments, at most {MAX_ARRAYS}; mode: detectors only"),
     ] = None
     pitch: Annotated[
         float | Sweep | None,
@@ -444,13 +444,13 @@ class Calibration(Block):
         str | Sweep | None,
         FileName(
             "CSV table of measured spots: heliostat, y and z in m, time or sun vector, optional weight (default: "
-            "synthetic spots of 'mount_errors'). A list of files adds a dimension campaign",
+            "synthetic spots of 'mount_errors'). A list of files adds the dimension campaign",
             dimension="campaign", title="file of measured spots",
         ),
     ] = None  # fmt: skip
     columns: Annotated[
         Mapping[str, Any] | None,
-        SpotColumns("Titles of columns of 'spots', as a title or {from: title, scale, offset}"),
+        SpotColumns("Column titles of 'spots', each as a title or {from: title, scale, offset}"),
     ] = None
     held_out: Annotated[
         int | tuple[str, ...] | None,
@@ -528,14 +528,14 @@ _NAMES_OF_RESULTS = """
     spot_y_before spot_z_before spot_y_after spot_z_after nominal_azimuth nominal_elevation corrected_azimuth
     corrected_elevation
 """
-#: Names of variables and coordinates of the result, which columns of a layout must not use.
+#: Names of result variables and coordinates, which layout columns must not use.
 RESERVED = frozenset((*ERRORS, *_NAMES_OF_RESULTS.split()))
 
 MODES = {
     "curves": "spots for a single misalignment, and its tolerance for the aperture",
     "mount_errors": "spots for the six errors of a mount, which are fixed, swept or drawn",
     "calibration": "estimated errors of mounts from spots",
-    "detectors": "crossings of the traces of heliostats with arrays of detectors, and the misalignment from crossings",
+    "detectors": "crossings of heliostat traces with detector arrays, and the misalignment from these crossings",
 }
 
 
@@ -543,7 +543,7 @@ class MisalignmentStudy(Study):
     """Beams of misaligned heliostats."""
 
     family: Literal["misalignment"]
-    mode: Annotated[str, Choice("What is asked", MODES, sweep=False)] = "curves"
+    mode: Annotated[str, Choice("Type of computation", MODES, sweep=False)] = "curves"
     site: Annotated[Site | None, Field(description="Site of the plant; or several 'sites'")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
     time: Annotated[Time | None, Field(description="Days and hours of the study; or use a 'sun'")] = None
@@ -551,9 +551,9 @@ class MisalignmentStudy(Study):
     receiver: Annotated[
         Receiver, Field(description="The receiver: the aim point of all heliostats, and the aperture around it")
     ]
-    heliostats: Annotated[Heliostats, Field(description="The pivots of the heliostats")] = Heliostats()
+    heliostats: Annotated[Heliostats, Field(description="Pivots of the heliostats")] = Heliostats()
     layout: Annotated[Layout | None, Field(description="Layout of the field, instead of positions")] = None
-    mount: Annotated[Mount, Field(description="The mount of all heliostats")] = Mount()
+    mount: Annotated[Mount, Field(description="Mount of all heliostats")] = Mount()
     error: Annotated[Error | None, Field(description="The misalignment; mode: curves only")] = None
     beam: Annotated[Beam | None, Field(description="Beam whose outlines are computed; mode: curves only")] = None
     measured: Annotated[
@@ -563,7 +563,7 @@ class MisalignmentStudy(Study):
         ),
     ] = None
     detectors: Annotated[Detectors | None, Field(description="Detectors; modes: curves and detectors only")] = None
-    mount_errors: Annotated[MountErrors | None, Field(description="Errors of the mounts")] = None
+    mount_errors: Annotated[MountErrors | None, Field(description="Mount errors")] = None
     statistics: Annotated[
         Statistics | None, Field(description="Statistics over the draws; mode: mount_errors only")
     ] = None
@@ -579,7 +579,7 @@ class MisalignmentStudy(Study):
         return given
 
     def reserved_names(self) -> frozenset[str]:
-        """Return the names of variables and coordinates, which columns of a layout must not use."""
+        """Return the names of variables and coordinates, which layout columns must not use."""
         return RESERVED
 
     def rules(self) -> Iterator[Fault]:
@@ -705,7 +705,7 @@ class MisalignmentStudy(Study):
         return len(layout), tuple(map(str, layout.columns[names[0]])) if names else ()
 
     def table_of_spots(self) -> tuple[str, tuple[str, ...]] | None:
-        """Return the key and the files of measured spots or crossings, or None if the study has none."""
+        """Return the key and file names of measured spots or crossings, or None if the study has none."""
         given = {
             "calibration.spots": self.calibration and self.calibration.spots,
             "detectors.crossings": self.detectors and self.detectors.crossings,
