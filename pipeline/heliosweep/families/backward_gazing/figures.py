@@ -49,7 +49,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
                   notes=f"Brightness relative to the centre of the sun. {_SEEN}")  # fmt: skip
     uncertainty = ("slope_uncertainty_x", "slope_uncertainty_y")
     yield Rasters("slope_uncertainty", "Standard uncertainty of the slopes", uncertainty, at=_TYPICAL, notes=_SEEN)
-    yield Rasters("residuals", "Observed brightness minus the brightness for the estimated slopes, root mean square",
+    yield Rasters("residuals", "Root mean square difference between observed and modelled brightness",
                   ("residual_rms",), notes=_SEEN, **methods)  # fmt: skip
     study = json.loads(str(result.attrs.get("study", "{}")))
     doubtful = ("quality_rank",) if study.get("mode") == "measured" else ()

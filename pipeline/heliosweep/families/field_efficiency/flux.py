@@ -150,12 +150,12 @@ class Aim(Block):
     ] = None  # fmt: skip
     limits: Annotated[
         tuple[tuple[float, ...], ...] | None,
-        ListOfNumbers("Rows of cells with individual limits, counted from 0 at the bottom, and these limits in kW/m2",
+        ListOfNumbers("Cell rows with individual limits, counted from 0 at the bottom, and these limits in kW/m2",
                       ("1", "kW/m2"), ("row", "limit"), ge=0),
     ] = None  # fmt: skip
     safety: Annotated[float, Quantity("Maximum flux as a fraction of the limit", "1", gt=0, le=1, sweep=False)] = 1.0
-    rows: Annotated[int, _count("Rows of aim points", 99)] = 7
-    columns: Annotated[int, _count("Columns of aim points", 99)] = 3
+    rows: Annotated[int, _count("Number of rows of aim points", 99)] = 7
+    columns: Annotated[int, _count("Number of columns of aim points", 99)] = 3
     azimuth_span: Annotated[
         float,
         Quantity((
@@ -163,8 +163,8 @@ class Aim(Block):
         ), "deg", ge=0, le=170,
                  sweep=False),
     ] = 40.0  # fmt: skip
-    flux_rows: Annotated[int, _count("Number of rows of cells to which the limit applies", 360)] = 20
-    flux_columns: Annotated[int, _count("Number of columns of cells to which the limit applies", 360)] = 36
+    flux_rows: Annotated[int, _count("Number of cell rows to which the limit applies", 360)] = 20
+    flux_columns: Annotated[int, _count("Number of cell columns to which the limit applies", 360)] = 36
     at: Annotated[
         str,
         Choice(

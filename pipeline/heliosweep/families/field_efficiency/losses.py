@@ -301,7 +301,7 @@ def _to_utc(times: NDArray[Any], zone: dt.tzinfo) -> NDArray[np.datetime64]:
 
 
 def outages_of(study: FieldEfficiencyStudy) -> Outages | None:
-    """Return the outages of a study, or None if the study has no table of outages."""
+    """Return the outages of a study, or None if the study has no outage table."""
     if study.availability is None or study.availability.outages is None:
         return None
     name = study.availability.outages

@@ -37,7 +37,7 @@ PRECISION, DRAWN_PRECISION = 1e-4, 2e-3
 #: Number of rays per heliostat and instant in draws. Relative standard deviation of the light among all heliostats
 #: and instants. Fraction of instants with the sun up. [1]
 DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
-#: Efficiencies that depend on the instant.
+#: Efficiencies that vary with time.
 _OF_INSTANTS = (*EFFICIENCIES, LIGHT[0], LIGHT[-1])
 #: Maximum number of heliostats times groups of instants for which the next point reuses ray sums.
 SHARED = 2**13

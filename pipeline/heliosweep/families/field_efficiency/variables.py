@@ -186,14 +186,14 @@ _GEOMETRY: tuple[Row, ...] = (
     *((f"limited {when}", name, " ".join((*time, *dims)), False, units, words, "{aimed}")
       for when, time in (("once", ()), ("varies", ("time",))) for name, (dims, units, words) in VARIABLES.items()),
     ("budget", "budget_energy", "", False, "MWh",
-     "energy of the field on the receiver without the causes of the budget"),
+     "field energy on the receiver without the causes in the budget"),
     ("budget", "budget_stage_loss", "stage", False, "MWh",
-     "energy of the field lost at each stage without the causes of the budget",
+     "field energy lost at each stage without the causes in the budget",
      "the received energy is the incident energy minus the losses of all stages and all parts of the budget"),
-    ("budget", "budget_loss", "budget_part", False, "MWh", "energy of the field lost to each cause alone",
+    ("budget", "budget_loss", "budget_part", False, "MWh", "field energy lost to each cause alone",
      "the last part is the interaction of the causes; the sum over all parts is the loss due to all causes together"),
     ("budget", "budget_gain", "budget_cause", False, "MWh",
-     "energy of the field gained if only one cause is removed"),
+     "field energy gained if only one cause is removed"),
 )  # fmt: skip
 _INSTANTS: tuple[Row, ...] = (
     ("series weather", "instantaneous_power", "time heliostat", False, "kW", "{power} at each instant",
@@ -240,20 +240,20 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
         ("weather", "rank", "heliostat", True, "1",
          "rank of the heliostat by energy per mirror area, 1 for the maximum",
          "missing if the field receives no energy"),
-        ("weather", "field_receiver_energy", "", True, "MWh", "{received}, of the field"),
+        ("weather", "field_receiver_energy", "", True, "MWh", "field {received}"),
         ("weather", "field_incident_energy", "", True, "MWh", "incident energy of the field", _INCIDENT),
-        ("weather", "field_energy_per_mirror_area", "", True, "MWh m-2", "{received} per mirror area, of the field"),
-        ("weather", "monthly_receiver_energy", "month", True, "MWh", "{received} in each month, of the field"),
+        ("weather", "field_energy_per_mirror_area", "", True, "MWh m-2", "field {received} per mirror area"),
+        ("weather", "monthly_receiver_energy", "month", True, "MWh", "field {received} in each month"),
         ("weather", "monthly_incident_energy", "month", True, "MWh", "incident energy of the field in each month",
          _INCIDENT),
-        ("weather", "loss", "stage", True, "MWh", "energy of the field lost at each stage", _LOSS),
+        ("weather", "loss", "stage", True, "MWh", "field energy lost at each stage", _LOSS),
         ("weather", "hours_used", "", True, "h", "hours in which the field operates", _WHOLE),
         ("weather", "hours_lost", "cause", True, "h", "hours with the sun above the horizon in which the field does "
                                                       "not operate because of a limit",
          f"each hour counts for the first violated limit; {_WHOLE}"),
         *(("design", f"design_point_{name}", "heliostat", False, "1", f"{words} at the design point", comment)
           for name, (words, comment) in now.items()),
-        *(("design", f"field_design_point_{name}", "", True, "1", f"mean {words} at the design point of the field",
+        *(("design", f"field_design_point_{name}", "", True, "1", f"mean {words} of the field at the design point",
            comment, _AREA) for name, (words, comment) in now.items()),
         ("design", "design_point_power", "", True, "MW", "{power} at the design point"),
         ("heat weather", "field_heat", "", False, "MWh", "heat of the receiver over the period", _HEAT),
@@ -269,7 +269,7 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
            f"{comment}; missing at night") for name, (words, comment) in series.items()),
         *_INSTANTS,
         *(("field", f"field_instantaneous_{name}", "time", False, "1",
-           f"mean {words} at each instant, of the field", f"{comment}; missing at night", _AREA)
+           f"mean {words} of the field at each instant", f"{comment}; missing at night", _AREA)
           for name, (words, comment) in series.items()),
         ("field weather", "dni", "time", False, "W m-2", "direct normal irradiance",
          "mean over the interval of the instant; 0 with the sun down"),

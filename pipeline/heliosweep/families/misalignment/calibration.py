@@ -205,7 +205,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
         windows, errors = (*lead, "period"), (*lead, "period", "parameter")
         words, since = {-1: "no_change", 0: "unchanged", 1: "changed"}, "since the first window with an estimate"
         found |= {
-            "period_error": quantity(errors, "mrad", "estimate of the mount error from the spots of a window"),
+            "period_error": quantity(errors, "mrad", "estimate of the mount error from the spots in a window"),
             "period_standard_error": quantity(errors, "mrad", "standard error of the estimate from a window"),
             "period_spots": quantity(windows, "1", "number of spots used in a window", dtype="int32"),
             "period_change": quantity(errors, "mrad", f"change of the mount error {since}"),

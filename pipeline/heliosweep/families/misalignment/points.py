@@ -226,7 +226,7 @@ def draw_count(study: MisalignmentStudy) -> int:
 
 
 def error_keys(study: MisalignmentStudy) -> list[str]:
-    """Return the keys of mount errors that label a result: errors that are not drawn, and the scale of drawn errors."""
+    """Return the mount error keys that label a result: errors that are not drawn, and the scale of drawn errors."""
     drawn = {} if study.mount_errors is None else study.mount_errors.drawn()
     return [f"mount_errors.{name}" for name in (*ERRORS, *["scale"] * bool(drawn)) if name not in drawn]
 

@@ -55,20 +55,20 @@ from heliosweep.layouts.resolve import Layouts
 Rule: TypeAlias = tuple[object, Fault]
 Triple = tuple[float, float, float]
 
-#: Kinds of mounts, in the order of their codes in the kernels.
+#: Mount kinds, in the order of their codes in the kernels.
 MOUNTS = {
     "azimuth_elevation": "primary axis vertical",
     "target_aligned": "primary axis towards the target",
     "polar": "primary axis towards the celestial north pole",
     "tilt_roll": "primary axis horizontal, in the direction of axis_azimuth",
 }
-#: Sources of error, in the order of their codes in the kernels.
+#: Error sources, in the order of their codes in the kernels.
 SOURCES = {
     "canting": "the mirror rotates about its centre",
     "encoder": "the mirror with its offset rotates about the pivot",
     "tilt": "the whole mount rotates about its base, pedestal_height below the pivot",
 }
-#: Axes of error, in the order of their codes in the kernels.
+#: Error axes, in the order of their codes in the kernels.
 AXES = {
     "elevation": "about the horizontal axis in the mirror; positive raises the normal",
     "azimuth": "about the up-slope axis in the mirror; positive clockwise seen from the end of the primary axis",
