@@ -389,7 +389,7 @@ def _complete(study: FieldEfficiencyStudy) -> bool:
 
 
 def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Yield ranges of heliostats to compute together. Memory for values at all instants limits the length of a range."""
+    """Yield ranges of heliostats to compute together. Memory for values at all instants limits the range length."""
     length = max(32, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
     length = 4096 if study.optics is not None else length  # number of mirrors that are traced together
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
