@@ -130,9 +130,9 @@ def test_wrong_suns(wrong, sun, said):
         ("time,y,z", "needs a column heliostat: number of the heliostat"),
         ("heliostat,time,z", "needs a column y:"),
         ("heliostat,y,z", "needs a column time, or sun_x, sun_y, sun_z, the direction of the sun"),
-        ("heliostat,y,z,sun_x,sun_z", "needs the columns sun_y beside sun_x, sun_z"),
+        ("heliostat,y,z,sun_x,sun_z", "needs the columns sun_y in addition to sun_x, sun_z"),
         ("heliostat,y,z,time,sun_x,sun_y,sun_z", "has both time and sun_x: remove one"),
-        ("heliostat,y,z,time,azimuth", "needs a column elevation beside azimuth, or neither"),
+        ("heliostat,y,z,time,azimuth", "needs a column elevation in addition to azimuth, or neither"),
         ("heliostat,y,z,time,y", "spots.csv:1:20: has two columns 'y'; remove one"),
     ],
 )

@@ -44,7 +44,7 @@ PROFILES = {
 }
 FIT_PROFILES = {
     "table": "the table itself, as in the methods of the paper; the default of mode: simulated",
-    "smooth": "a smooth curve fitted to the table, which removes its noise; the default of mode: measured",
+    "smooth": "a smooth curve fitted to the table to remove its noise; the default of mode: measured",
 }
 
 Two = tuple[float, float]

@@ -525,7 +525,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 def best(
     values: Floats, number: float | None, power: float | None, power_of: Callable[[NDArray[np.int64]], float]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Select the heliostats of a field with the highest values.
+    """Select the highest-ranked heliostats of a field.
 
     Parameters
     ----------

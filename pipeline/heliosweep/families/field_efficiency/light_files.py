@@ -166,7 +166,7 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
     ----------
     path : path
         PAINT deflectometry file with groups ``facet1``, ... that contain `surface_points` and `surface_normals`, or
-        OpenCSP SOFAST file with a group ``DataSofastCalculation`` for one facet or a facet ensemble.
+        OpenCSP SOFAST file of one facet or a facet ensemble (group ``DataSofastCalculation``).
     step : float
         Side length of a map cell. [m]
     name : str

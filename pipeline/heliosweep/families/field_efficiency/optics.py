@@ -235,7 +235,7 @@ class Soiling(Block):
 
     rate: Annotated[
         float | Sweep,
-        Quantity("Fraction of the light lost per day of soiling", "1", ge=0, le=0.5, dimension="soiling_rate",
+        Quantity("Fraction of the light lost to soiling per day", "1", ge=0, le=0.5, dimension="soiling_rate",
                  title="soiling rate per day"),
     ]  # fmt: skip
     washing_interval: Annotated[
