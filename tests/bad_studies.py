@@ -36,7 +36,8 @@ def read(path: Path) -> list[Any]:
         block, *lines = part.rstrip("\n").split("\n")
         said = [line.removeprefix("=> ") for line in lines if line.startswith("=> ")]
         text = "\n".join(lines[: len(lines) - len(said)]).replace(r"\a", "\a")
-        found.append(pytest.param(Bad(block, text, said), id=text[:60] or f"no {block}"))
+        name = said[0].partition(": ")[2][:80] if said else text[:60]  # key and message, without the place
+        found.append(pytest.param(Bad(block, text, said), id=name))
     return found
 
 
