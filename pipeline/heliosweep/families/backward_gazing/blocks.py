@@ -1,4 +1,4 @@
-"""Study file blocks of the family `backward_gazing`."""
+"""Study file blocks of the `backward_gazing` family."""
 
 from __future__ import annotations
 
@@ -212,7 +212,7 @@ class Cameras(Block):
     noise: Annotated[
         float | Sweep,
         Quantity("Standard deviation of the noise of each pixel, relative to the sun's centre", "1", ge=0, le=1,
-                 dimension="camera_noise", title="noise of the cameras relative to the sun's centre"),
+                 dimension="camera_noise", title="camera noise relative to the sun's centre"),
     ] = 0.0  # fmt: skip
     gain_error: Annotated[
         float | Sweep,
@@ -221,9 +221,9 @@ class Cameras(Block):
     ] = 0.0  # fmt: skip
     gain_noise: Annotated[
         float | Sweep,
-        Quantity("Relative standard deviation of the cameras' brightness levels, drawn from the seed", "1",
+        Quantity("Relative standard deviation of the camera brightness levels, drawn from the seed", "1",
                  ge=0, le=1, dimension="camera_gain_noise", title=(
-                     "relative standard deviation of the cameras' brightness levels"
+                     "relative standard deviation of the camera brightness levels"
                  )),
     ] = 0.0  # fmt: skip
     bits: Annotated[
@@ -238,7 +238,7 @@ class Cameras(Block):
             "Kind of camera images",
             {
                 "mirror_grid": "brightness on the mirror's grid, as seen by a perfect camera",
-                "camera": "images of pinhole cameras, rectified to the grid of the mirror",
+                "camera": "images of pinhole cameras, rectified to the mirror grid",
                 "fourier": "images of pinhole cameras, rotated and centred by Fourier transforms, as for methods A "
                 "and O1 in the paper",
             },
@@ -261,7 +261,7 @@ class Cameras(Block):
         _seed(
             "Seed of the camera noise and brightness levels",
             "camera_seed",
-            "seed of the cameras' noise",
+            "seed of the camera noise",
         ),
     ] = 0
 
@@ -465,7 +465,7 @@ class ImageGeometry(Block):
 
     rectified: Annotated[
         bool | None,
-        Flag("True if the images are on the grid of the mirror, top row first (default: true if the images have the "
+        Flag("True if the images are on the mirror grid, top row first (default: true if the images have the "
              "size of this grid and neither corners nor FOCALPIX is given)"),
     ] = None  # fmt: skip
     registration: Annotated[

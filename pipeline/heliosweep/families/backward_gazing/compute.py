@@ -1,6 +1,6 @@
 """Compute the slopes of one heliostat, or of all heliostats in a field, from simulated or measured images.
 
-Measured images are first rectified to the grid of the mirror (`kernels.gazing.geometry`), and then treated like
+Measured images are first rectified to the mirror grid (`kernels.gazing.geometry`), and then treated like
 simulated images. The uncertainties of the slopes follow from the image noise in the study. If the study gives no noise,
 it is estimated from the median of the squared Levenberg-Marquardt residuals, which is not sensitive to edges and dirt.
 
@@ -156,7 +156,7 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
     -------
     limb, power, level, residual : float
         Brightness A at the limb relative to the centre of the fitted curve, and exponent xi between 0.5 and 10.
-        `level` is the curve's brightness at the disc centre, and `residual` the root mean square residual. [1]
+        `level` is the curve's brightness at the disc centre, and `residual` is the root mean square residual. [1]
     """
     from scipy.optimize import minimize_scalar
 

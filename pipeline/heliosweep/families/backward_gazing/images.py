@@ -209,7 +209,7 @@ Shots = SimpleNamespace
 def read_shots(study: BackwardGazingStudy) -> Shots:
     """Read the images of a study, with camera data and grey levels.
 
-    Raises a StudyError that lists all problems of the files.
+    Raises a StudyError that lists all problems in the files.
 
     Returns
     -------
@@ -218,7 +218,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     saturation : ndarray, shape (4,)
         Minimum brightness of a saturated pixel. [1]
     rectified : bool
-        True if the images are on the grid of the mirror.
+        True if the images are on the mirror grid.
     register : ndarray of bool, shape (4,)
         True for images in which the heliostat must be located.
     focal, centre, roll : ndarray, shape (4,), (4, 2) and (4,)

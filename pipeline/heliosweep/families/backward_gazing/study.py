@@ -1,4 +1,4 @@
-"""Study file of the family `backward_gazing`, with checks of its blocks and its files."""
+"""Study file model of the `backward_gazing` family, with checks of its blocks and its files."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ _ESTIMATES = {
 #: pixels.
 _BOUND = "minimum standard deviation of the % slopes of a pixel for these cameras"
 
-#: Variables of the sun.
+#: Sun variables.
 _SUN = {
     **{
         name: quantity(("disc_fraction",), "1", f"brightness {words}")
@@ -153,7 +153,7 @@ _SUN = {
 #: Variables that describe the whole scene.
 _SCENE = {
     "scene_status": flags((), "status of the slopes, with the reason for missing slopes", STATUS),
-    "incidence": quantity((), "degree", "angle of the sun from the ideal normal of the heliostat"),
+    "incidence": quantity((), "degree", "angle between the sun and the ideal heliostat normal"),
 }
 _NET = (
     "the error of a pixel is its estimated slope minus its true slope, minus the slope that the method estimates "
@@ -190,7 +190,7 @@ MAPS = {
         ("camera", *PLANE),
         "1",
         "brightness relative to the sun's centre",
-        "input of the reconstruction, with the noise of the cameras; missing between the modules",
+        "input to the reconstruction, with camera noise; missing between the modules",
     ),
     **_both(
         "slope_%",
@@ -220,10 +220,7 @@ RAW = {
         "raw_ideal_slope_%",
         (*OF_METHOD, *PLANE),
         "estimated % slope of the ideal heliostat",
-        (
-            "effect of the shape of the heliostat and of the referentials; slope_% is raw_slope_% minus this value; "
-            f"{_WAVEFRONT}"
-        ),
+        (f"effect of the heliostat shape and the referentials; slope_% is raw_slope_% minus this value; {_WAVEFRONT}"),
     ),
 }
 
@@ -296,7 +293,7 @@ MEASURED = {
         ("camera", *PLANE),
         "1",
         "brightness relative to the sun's centre",
-        "on the grid of the mirror; missing between modules and for unusable pixels",
+        "on the mirror grid; missing between modules and for unusable pixels",
     ),
     **_both(
         "slope_%",
@@ -376,7 +373,7 @@ def over_seeds(seeds: tuple[str, ...]) -> dict[str, Variable]:
     return {name: replace(one, finished=True, without=seeds) for name, one in found.items()}
 
 
-#: Coordinates that are not keys of the study: long name, and unit if the coordinate is numerical.
+#: Coordinates that are not study keys: long name, and unit if the coordinate is numerical.
 COORDINATES = {
     "slope_method": ("method for estimating slopes",),
     "referential": ("conversion of wavefront slopes to mirror slopes",),
@@ -395,7 +392,7 @@ COORDINATES = {
     "target_world_azimuth": ("azimuth of the target seen from the heliostat, clockwise from north", "degree"),
 }
 
-#: Keys of the study that label the results of each mode.
+#: Study keys that label the results of each mode.
 _KEYS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel",
     "target.azimuth", "target.elevation", "target.tilt", "target.face", "sun.azimuth", "sun.elevation",
@@ -419,7 +416,7 @@ def label(name: str, values: Any) -> tuple[Any, dict[str, str]]:
 
 
 def dims(study: BackwardGazingStudy, maps: bool) -> dict[str, Any]:
-    """Return the labels of the inner dimensions, including the dimensions of maps if `maps` is True."""
+    """Return the labels of the inner dimensions, including the map dimensions if `maps` is True."""
     values: dict[str, Any] = {} if study.field is None else {"hour": study.field.hours.values()}
     values |= {"slope_method": np.array(study.method, object), "referential": np.array(study.referential, object)}
     if maps:

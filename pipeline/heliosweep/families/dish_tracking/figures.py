@@ -50,7 +50,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
     yield from (
         Grids("latitude_map", f"Effective tracking factor over latitude and direction of the tilt, {when}",
               (factor, f"{_FACTOR}_min"), over=("latitude", DIRECTION), at=_TYPICAL, notes=_DIRECTION),
-        Grids("tracking_errors", f"Tracking error over the offsets of the home position, {when}",
+        Grids("tracking_errors", f"Tracking error over the home position offsets, {when}",
               errors, over=_OFFSETS, at=_TYPICAL),
         Curves("factor_over_year", "Effective tracking factor on each date", (_FACTOR,), over=("date",),
                panels=places, **by_mount),

@@ -1,4 +1,4 @@
-"""Study file of the family `dish_tracking`."""
+"""Study file model of the `dish_tracking` family."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
         *(Curves(f"cost_of_heat_over_{dim}", f"Cost of heat over the {context.title(dim)}", _COST, over=(dim,),
                  lines=[str(other) for other in result[_COST[0]].dims if other != dim])
           for dim in swept if _COST[0] in result),
-        _special("aim_points", "Aim points of the heliostats, and flux under the limit",
+        _special("aim_points", "Heliostat aim points, and flux under the limit",
                 ("aim_x", "aim_y", "aim_z", "aimed_flux_map")),
         Rasters("flux_and_limit", "Flux on the receiver without and with the limit",
                 ("unlimited_flux_map", "aimed_flux_map"), over=DIMS, panels=("flux_limit", *places)),
@@ -136,14 +136,14 @@ def figures(result: xr.Dataset) -> list[Figure]:
         Maps("factor_maps", "Mean efficiencies of every heliostat by factor",
              _EFFICIENCIES[2:7] if "total_efficiency" in result else (), each=True, at={"latitude": 0.0},
              interactive=False),
-        Curves("monthly_energy", "Energy of the field by month", ("monthly_receiver_energy", "monthly_incident_energy"),
+        Curves("monthly_energy", "Field energy by month", ("monthly_receiver_energy", "monthly_incident_energy"),
                over=("month",), lines=lines,
                notes="Incident: direct sunlight on all mirrors with the sun above the horizon."),
         Curves("energy_by_rank",
                f"Heliostats in descending order of energy {arrival} per mirror area",
                ("ranked_energy", "cumulated_energy"), over=("number_of_heliostats",), lines=lines, derive=_ranked,
                interactive=False),
-        Curves("power", "Power of the field at each instant, in universal time",
+        Curves("power", "Field power at each instant, in universal time",
                ("field_power", "dni", *(f"field_instantaneous_{name}" for name in _EFFICIENCIES), "sun_elevation"),
                over=("time",) if "time" in result.coords else ("none",), lines=lines, image=False),
         Curves("duration_curves", (
@@ -205,5 +205,5 @@ def _durations(result: xr.Dataset) -> xr.Dataset:
         dims = [*values.dims[:-1], "duration"]
         return xr.DataArray(descending, {"duration": duration}, dims, attrs={**values.attrs, "long_name": words})
 
-    dni, power = ordered("dni", "direct normal irradiance"), ordered("field_power", "power of the field")
+    dni, power = ordered("dni", "direct normal irradiance"), ordered("field_power", "field power")
     return result.assign(dni_reached=dni, power_reached=power)

@@ -39,7 +39,7 @@ class ThermalLosses(Block):
     ] = None
     per_area: Annotated[
         float | Sweep | None,
-        Quantity("Thermal losses per area of the receiver; 30 kW/m2 for SAM's molten-salt tower", "kW/m2",
+        Quantity("Thermal losses per receiver area; 30 kW/m2 for SAM's molten-salt tower", "kW/m2",
                  ge=0, dimension="thermal_losses_per_area", title="thermal losses per area"),
     ] = None  # fmt: skip
     file: Annotated[
@@ -81,9 +81,7 @@ class Economics(Block):
         float | Sweep,
         Quantity("Reference area of the receiver, in m2", "1", gt=0, title="reference area of the receiver in m2"),
     ] = 1571.0
-    receiver_exponent: Annotated[float | Sweep, _cost("Exponent of the receiver area in the cost of the receiver")] = (
-        0.7
-    )
+    receiver_exponent: Annotated[float | Sweep, _cost("Exponent of the receiver area in the receiver cost")] = 0.7
     other_cost: Annotated[float | Sweep, _cost("Further direct costs, such as storage")] = 0.0
     contingency: Annotated[float | Sweep, _cost("Contingency, as a fraction of the direct costs", le=1)] = 0.07
     indirect: Annotated[float | Sweep, _cost("Indirect costs, as a fraction of the direct costs", le=1)] = 0.13

@@ -347,7 +347,7 @@ class Optics(Block):
     ] = 0.0
     mount_errors: Annotated[
         PointingErrors | None,
-        Field(description="Fixed errors of the mounts, which displace the images from the aim points"),
+        Field(description="Fixed mount errors, which displace the images from the aim points"),
     ] = None
     precision: Annotated[
         float | None,

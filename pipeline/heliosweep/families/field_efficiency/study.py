@@ -1,4 +1,4 @@
-"""Study model of the family `field_efficiency`, and checks that involve several blocks, the layouts or the sun."""
+"""Study file model of the `field_efficiency` family, and checks that involve several blocks, the layouts or the sun."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ class FieldOutput(Output):
         bool, Flag("Also store mirror area, land area, packing factor and radius of the field")
     ] = False
     field_series: Annotated[
-        bool, Flag("Also store the efficiencies and powers of the field, and the direction of the sun, at each instant")
+        bool, Flag("Also store the efficiencies and powers of the field, and the sun direction, at each instant")
     ] = False
     outlines: Annotated[
         int,
@@ -175,7 +175,7 @@ class FieldOutput(Output):
     ] = 0  # fmt: skip
     flux_map: Annotated[
         FluxMap | None,
-        Field(description="Flux map of the receiver: at the design point or one instant, and over the year"),
+        Field(description="Receiver flux map: at the design point or one instant, and over the year"),
     ] = None
 
 
@@ -204,7 +204,7 @@ class FieldEfficiencyStudy(Study):
     tracking: Annotated[str | Sweep, Choice("Tracking method of the mirrors", TRACKING, title="sun-tracking method")]
     time: Annotated[
         TimeOrDirections,
-        Field(description="Instants over which efficiencies are averaged, or directions of the sun"),
+        Field(description="Instants over which efficiencies are averaged, or sun directions"),
     ]
     layout: Annotated[LayoutBlock, Field(description="Layout of the field")]
     heliostat: Annotated[Heliostat, Field(description="Mirror of all heliostats")]

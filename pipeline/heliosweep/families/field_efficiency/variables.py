@@ -172,7 +172,7 @@ _GEOMETRY: tuple[Row, ...] = (
      "results are for the kept heliostats"),
     ("kept", "selection_rank", "heliostat", False, "1",
      "rank of the heliostat by 'keep.by' in the field before the selection, 1 for the best",
-     "heliostats with equal values are ranked in the order of the layout"),
+     "heliostats with equal values are ranked in layout order"),
     ("mapped", "flux_map", "flux_row flux_column", False, "kW m-2", "flux on the receiver",
      "mean flux from all heliostats over each cell, {instant}"),
     ("mapped", "peak_flux", "", False, "kW m-2", "maximum flux on a receiver cell",

@@ -166,7 +166,7 @@ def variables(study: MisalignmentStudy) -> dict[str, Variable]:
             lead,
             "1",
             "number of instants with sun and an estimate at which no command directs the beam to the aim point",
-            "in the blind cone of the mount, or closer to the aim point than the offsets of the mirror",
+            "in the blind cone of the mount, or closer to the aim point than the mirror offsets",
             dtype="int32",
         ),
     }

@@ -186,8 +186,8 @@ def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> 
 class _Field(NamedTuple):
     """Mounts, aperture, sun and detector arrays.
 
-    `half` contains half the width and half the height of the aperture [m], and `sun` the unit vectors to the sun, shape
-    (T, 3). `spread` is the standard deviation of a detector reading [m].
+    `half` contains half the width and half the height of the aperture [m], and `sun` contains the unit vectors to the
+    sun, shape (T, 3). `spread` is the standard deviation of a detector reading [m].
     """
 
     mounts: Mounts

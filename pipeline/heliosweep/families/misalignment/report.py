@@ -432,10 +432,8 @@ _FLAGS = {
         "fewer errors",
     },
     "spot_status": {
-        BEHIND_FACE: "{count} rays start on the plane of the receiver or behind it, because of the mirror offset: no "
-        "spot",
-        MISSES: "{count} rays point away from the plane of the receiver, or come from a mirror whose back is "
-        "lit: no spot",
+        BEHIND_FACE: "{count} rays start on the receiver plane or behind it, because of the mirror offset: no spot",
+        MISSES: "{count} rays point away from the receiver plane, or come from a mirror whose back is lit: no spot",
         BLIND_CONE: "{count} rays would need a mount to point into its blind cone: no spot",
     },
 }
@@ -496,7 +494,7 @@ def _of_commands(result: xr.Dataset) -> Remarks:
     yield (
         count,
         f"at {count:,} of {all_instants:,} instants of calibrated heliostats with the sun up, no command directs "
-        "the beam to the aim point: the direction is in the mount's blind cone, or the offsets of the mirror are "
+        "the beam to the aim point: the direction is in the mount's blind cone, or the mirror offsets are "
         "not smaller than the distance (instants_without_command)",
     )
 
@@ -534,8 +532,8 @@ def _of_spots(result: xr.Dataset) -> Remarks:
     # If the pivot is close to the plane, the mirror may be behind the plane only at some instants.
     behind = (status == BEHIND_FACE).any(times) & status.isin([BEHIND_FACE, NO_SUN]).all(times)
     for code, here, words in (
-        (BEHIND_FACE, behind, "are on the plane of the receiver or behind it whenever the sun is up"),
-        (TOO_NEAR, (status == TOO_NEAR).any(times), "are closer to the aim point than the offsets of the mirror"),
+        (BEHIND_FACE, behind, "are on the receiver plane or behind it whenever the sun is up"),
+        (TOO_NEAR, (status == TOO_NEAR).any(times), "are closer to the aim point than the mirror offsets"),
     ):
         subject = f"{int(here.sum()):,} of {points:,} heliostats{counted}"
         yield int(here.sum()), f"{subject} {words}: no spot (spot_status {code})"

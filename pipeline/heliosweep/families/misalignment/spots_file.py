@@ -126,7 +126,7 @@ class MeasuredSpots:
     heliostat : ndarray of int64, shape (S,)
         Heliostat numbers, counted from 0.
     position : ndarray, shape (S, 2)
-        Spots y, z on the plane of the receiver. [m]
+        Spots y, z on the receiver plane. [m]
     sun : ndarray, shape (S, 3)
         Unit vectors to the sun: east, north, up; NaN for spots with a time. [1]
     utc : ndarray of datetime64[ns], shape (S,)
@@ -459,7 +459,7 @@ def segments_of(block: Any) -> Segments:
 
 
 def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
-    """Yield problems and warnings about measured spots or crossings, and about conflicting keys of the study."""
+    """Yield problems and warnings about measured spots or crossings, and about conflicting study keys."""
     if (table := study.table_of_spots()) is None:
         return
     key, what = table[0], "crossings" if table[0] == "detectors.crossings" else "spots"

@@ -1,4 +1,4 @@
-"""Study file of the family `misalignment`, with checks of its blocks, its layouts and the sun."""
+"""Study file model of the `misalignment` family, with checks of its blocks, its layouts and the sun."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ AXES = {
 }
 #: Function that creates a fault whose message omits the invalid value.
 fault = partial(Fault, show_value=False)
-#: Meaning of the mount errors in each mode that requires them if the study has no table of spots.
+#: Meaning of the mount errors in each mode that requires them if the study has no spot table.
 TRUTH = {
     "mount_errors": "the mount errors",
     "calibration": "the true errors of synthetic spots",
@@ -236,7 +236,7 @@ class Error(Block):
 
 
 class Beam(Block):
-    """A conical beam about its central ray."""
+    """Conical beam around its central ray."""
 
     divergence: Annotated[
         float | Sweep,
@@ -390,7 +390,7 @@ class Detectors(Block):
 
 @dataclass(frozen=True)
 class SpotColumns(Parameter):
-    """Column titles in a table of spots."""
+    """Column titles in a spot table."""
 
     def read(self, raw: Any) -> dict[str, dict[str, Any]]:
         """Return the title, the scale and the offset of each column. Raises Invalid."""
@@ -459,7 +459,7 @@ class Calibration(Block):
     ] = None  # fmt: skip
     window: Annotated[
         float | None,
-        Quantity("Length of moving windows with separate estimates, which show drift", "d", gt=0, sweep=False),
+        Quantity("Length of moving windows, each with a separate estimate, to show drift", "d", gt=0, sweep=False),
     ] = None
     window_step: Annotated[
         float | None,
