@@ -109,7 +109,7 @@ def test_heliostats_that_cannot_hit_are_flagged_and_counted():
     assert bool(result["spot_y"].isnull().where(flagged, True).all())
     assert bool(result["tracking_tolerance"].isnull().where(flagged, True).all())
     said = list(remarks(result))
-    assert any("heliostats, counted at each point of the sweep, are on the plane" in line for line in said)
+    assert any("heliostats, counted at each point of the sweep, are on the receiver plane" in line for line in said)
     assert any("1 of 10 heliostats" in line and "closer to the aim point" in line for line in said)
 
 
