@@ -81,17 +81,3 @@ def test_flux_by_another_seed_keeps_the_limit_within_noise():
     assert float(one.aimed_peak_flux) <= 0.6 * free * 1.02
     assert float(one.aimed_power) == pytest.approx(float(found.aimed_power), rel=5e-3)
     assert float(found.aimed_power) <= float(found.power_bound)
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"limit": 1.0}, "`limit`: heliostat 0 alone has .* in row .*, column "),
-        ({"aims": [[0.0, 9.0, 50.0]]}, "`aims`: aim 0 of heliostat 0 is off the receiver"),
-        ({"memory": 1e3}, "`memory`: images of 54 heliostats with 21 aims need up to"),
-        ({"limit": -1.0}, "`limit` must be above 0"),
-    ],
-)
-def test_bad_input_is_located(given, words):
-    with pytest.raises(ValueError, match=words):
-        heliosweep.flux_limited_aims(FIELD, RECEIVER, **{"limit": 500.0, **OPTICS, **given})

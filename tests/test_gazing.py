@@ -43,19 +43,3 @@ def test_arrays_a_profile_and_a_gain():
     images = heliosweep.render_images(SCENE, X_SLOPES.values, Y_SLOPES.values, Y, Z, sun_profile=profile)
     found = heliosweep.reconstruct_slopes(SCENE, 1.02 * images.values, Y, Z, fit_gain=True, sun_profile=profile)
     np.testing.assert_allclose(found.slope_x, X_SLOPES, atol=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: heliosweep.gazing_scene(180.0, -44.0, 0.0, 44.0), "opposite"),
-        (lambda: heliosweep.gazing_scene(30.0, 60.0, 0.0, 44.0, cameras=[[0, 1], [1, 0]]), "at least 3 cameras"),
-        (lambda: heliosweep.render_images(SCENE, np.zeros((4, 5)), np.zeros((4, 5))), "give `y` and `z`"),
-        (lambda: heliosweep.render_images(SCENE, X_SLOPES, Y_SLOPES, Y[:4], Z), "4 x 4 values"),
-        (lambda: heliosweep.reconstruct_slopes(SCENE, np.ones((3, 4, 5)), Y, Z), "must show 4 cameras"),
-        (lambda: heliosweep.reconstruct_slopes(SCENE, np.ones((4, 4, 5)), Y, Z, method="B"), "unknown `method` 'B'"),
-    ],
-)
-def test_wrong_arguments_are_named(call, words):
-    with pytest.raises(ValueError, match=words):
-        call()

@@ -1,7 +1,6 @@
 """Mounts without a study: SciPy's rotations, planted errors that come back, the shipped study, wrong arguments."""
 
 from importlib import import_module
-from typing import Any
 
 import numpy as np
 import pytest
@@ -95,20 +94,6 @@ def test_planted_errors_come_back(kind, parameters, loss):
     np.testing.assert_allclose([on_target.spot_y, on_target.spot_z], 0.0, atol=1e-9)
 
 
-def test_commanded_angles_and_weights_count():
-    angles = heliosweep.mount_angles(*SUN, PIVOTS[0], AIM, errors=[2.0, 1.0])
-    spots = heliosweep.mount_spots(*SUN, PIVOTS[0], AIM, ERRORS[0, :2], corrected=[2.0, 1.0])
-    wrong = spots.spot_y + np.array([0.0, 0.0, 0.0, 0.3])
-    found = heliosweep.calibrate_mount(
-        *SUN, wrong, spots.spot_z, PIVOTS[0], AIM, angles=angles, weight=[1, 1, 1, 0], parameters=2
-    )
-    np.testing.assert_allclose(found.estimated_error, ERRORS[0, :2], rtol=0, atol=1e-9)
-    assert found.residual_y[3] == pytest.approx(0.3, abs=1e-9)
-    missing = heliosweep.calibrate_mount(*SUN, wrong * np.nan, spots.spot_z, PIVOTS[0], AIM)
-    assert missing.estimated_error.isnull().all()
-    assert missing.calibration_status.flag_meanings.split()[int(missing.calibration_status)] == "no_spots"
-
-
 @pytest.mark.parametrize("axis", mounts.AXES)
 @pytest.mark.parametrize("source", mounts.SOURCES)
 def test_curves_and_tolerances_are_those_of_rotated_mirrors(source, axis):
@@ -197,48 +182,6 @@ def test_results_have_the_labels_of_the_arguments():
     assert night.spot_status.flag_meanings.split()[int(night.spot_status)] == "sun_below_the_horizon"
     curve = heliosweep.deviation_curve(180.0, 40.0, PIVOTS[0], 100.0, 1.0, width=5.0, height_extent=5.0)
     assert curve.spot_y.dims == curve.tracking_tolerance.dims == ()
-
-
-APERTURE: Any = {"width": 5.0, "height_extent": 5.0}
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: heliosweep.mount_angles(*SUN, PIVOTS[0], AIM, kind="alt_az"), "`kind` must be one of azimuth_ele"),
-        (lambda: heliosweep.mount_angles(*SUN, PIVOTS[0], AIM, kind="polar"), "`latitude` is missing"),
-        (lambda: heliosweep.mount_angles(*SUN, PIVOTS[:, :2], AIM), r"`pivot` must have the shape \(N, 3\)"),
-        (lambda: heliosweep.mount_angles(*SUN, {"x": 0.0}, AIM), "`pivot` must have columns x, y and z"),
-        (lambda: heliosweep.mount_angles(*SUN, PIVOTS, PIVOTS[0]), "no `pivot` may be at its aim point"),
-        (lambda: heliosweep.mount_angles(*SUN, PIVOTS, AIM[:2]), "`aim` must have the shape"),
-        (lambda: heliosweep.mount_angles(SUN[0], SUN[1][:2], PIVOTS, AIM), "broadcast"),
-        (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, {"tilt": 1.0}), "unknown mount error 'tilt'"),
-        (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, np.zeros(7)), "`errors` must have the shape"),
-        (lambda: heliosweep.mount_spots(*SUN, PIVOTS, AIM, np.zeros((2, 6))), "`errors` must have the shape"),
-        (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, source="wind", **APERTURE), "`source` must be one of"),
-        (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, axis="roll", **APERTURE), "`axis` must be one of"),
-        (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, width=0.0, height_extent=1.0), "above 0 m"),
-        (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, [[1.0]], **APERTURE), "`size` must have one"),
-        (lambda: heliosweep.deviation_curve(*SUN, PIVOTS, AIM, axis_offset=0.1, **APERTURE), "axis offset of 0"),
-        (lambda: heliosweep.calibrate_mount(*SUN, 0.0, 0.0, PIVOTS, AIM, parameters=3), "must be 2, 4 or 6"),
-        (lambda: heliosweep.calibrate_mount(*SUN, 0.0, 0.0, PIVOTS, AIM, loss_scale=0.0), "`loss_scale` above 0"),
-        (lambda: heliosweep.calibrate_mount(*SUN, 0.0, 0.0, PIVOTS, AIM, loss="l1"), "`loss` must be one of"),
-        (lambda: heliosweep.calibrate_mount(*SUN, [0.0, 1.0], 0.0, PIVOTS, AIM), "`spot_y` must have the shape"),
-        (lambda: heliosweep.calibrate_mount(*SUN, 0.0, 0.0, PIVOTS, AIM, weight=-1.0), "`weight` must be finite"),
-        (
-            lambda: heliosweep.detector_inversion(*SUN, (0, 0), (0, 0), PIVOTS, AIM, mirror_offset=0.1),
-            "without `mirror",
-        ),
-    ],
-)
-def test_wrong_arguments_are_named(call, words):
-    with pytest.raises(ValueError, match=words):
-        call()
-
-
-def test_unknown_keys_are_refused():
-    with pytest.raises(TypeError, match="mirror_ofset"):
-        heliosweep.mount_angles(*SUN, PIVOTS, AIM, mirror_ofset=0.1)
 
 
 def test_changes_of_errors_have_the_dimensions_of_the_errors():

@@ -49,20 +49,3 @@ def test_labels_and_night():
     assert found.cosine_efficiency.isel(time=1).isnull().all()
     single = heliosweep.field_efficiency(table, 180.0, 30.0, width=6.0, height=5.0, aim=(0.0, 0.0, 25.0))
     assert single.identical(found.isel(time=0))
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [({"tracking": "polar"}, "`tracking`"), ({"width": 0.0}, "above 0"), ({"aim": (0.0, 0.0)}, "`aim`")],
-)
-def test_refusals(wrong, words):
-    given = {"width": 6.0, "height": 5.0, "aim": 25.0} | wrong
-    with pytest.raises(ValueError, match=words):
-        heliosweep.field_efficiency(FIELD, 180.0, 30.0, **given)
-
-
-def test_refusals_of_the_sun():
-    with pytest.raises(ValueError, match="latitude"):
-        heliosweep.sun_position("2026-06-21", 95.0, 0.0)
-    with pytest.raises(ValueError, match="either"):
-        heliosweep.sun_position_solar(30.0, 12.0)

@@ -45,21 +45,6 @@ def turned(vectors, axis, angle):
     return vectors * np.cos(angle) + np.cross(axis, vectors) * np.sin(angle) + parallel * (1.0 - np.cos(angle))
 
 
-def chain(model, sun, tilt, direction, home_azimuth=0.0, home_elevation=0.0):
-    """The model word by word, vector by vector, in the frame of the paper (x west, y south, z up)."""
-    s = sun * [-1.0, -1.0, 1.0]
-    psi, b = np.arctan2(s[:, 1], -s[:, 0]), np.arctan2(s[:, 2], np.hypot(s[:, 0], s[:, 1]))
-    u = np.array([np.cos(direction), -np.sin(direction), 0.0])
-    azimuth_axis = turned(np.array([0.0, 0.0, -1.0]), u, tilt)
-    elevation_axis = np.array([0.0, 1.0, 0.0])
-    cosine, sine = np.cos(home_azimuth), np.sin(home_azimuth)
-    focal_axis = np.array([-cosine * np.cos(home_elevation), -sine, cosine * np.sin(home_elevation)])
-    if model == RIGID:
-        elevation_axis, focal_axis = turned(elevation_axis, u, tilt), turned(focal_axis, u, tilt)
-    focus = turned(turned(focal_axis, elevation_axis, b), azimuth_axis, psi)
-    return 2.0 * np.arcsin(np.linalg.norm(focus - s, axis=1) / 2.0)
-
-
 @pytest.mark.parametrize("row", published("dish_tracking_oracle.csv"))
 def test_single_errors_of_an_independent_implementation(row):
     sun = vector(*np.radians([float(row["sun_azimuth_from_south_positive_west_deg"]), float(row["sun_elevation_deg"])]))
@@ -113,8 +98,8 @@ def test_all_six_errors_of_a_rigid_mount_by_matrices(reference, elevation_offset
 
 
 def plain(model, sun, starts, weights, tilt, direction, offsets, tolerance):
-    """Means, maxima and clipped means of the chain, window by window."""
-    error = chain(model, sun, tilt, direction, *offsets)
+    """Means, maxima and clipped means of single instants, window by window."""
+    error = pointing_errors(model, sun, tilt, direction, *offsets)
     out = []
     for first, last in itertools.pairwise(starts):
         e, w = error[first:last], weights[first:last]

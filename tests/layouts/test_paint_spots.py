@@ -92,22 +92,6 @@ def test_actuators_are_triangles():
     assert joint_angle(data[0], data[0]["max_increment"]) == pytest.approx(data[0]["max_movement_angle"], abs=0.03)
 
 
-def test_spots_of_other_targets_are_moved_along_their_beams():
-    """By 0.5 m north: a spot on its own plane, its mirror and the moved spot lie on one line."""
-    spots = read_paint_spots(SAMPLE, "multi_focus_tower")
-    names = [comment.split()[2] for comment in spots.columns["comment"][2:]]
-    seen = list(measurements("AA39", "UTIS"))
-    middle = np.array([-17.60489703, -2.74467381, 51.97972516])  # of multi_focus_tower
-    for row, (name, (sun, _, spot, pivot)) in enumerate(zip(names, seen, strict=True), start=2):
-        # Right of one who looks south is west.
-        moved = middle + np.array([-spots.columns["y"][row], 0.0, spots.columns["z"][row]])
-        half = sun + (spot - pivot) / np.linalg.norm(spot - pivot)
-        centre = pivot + 0.2152 * half / np.linalg.norm(half)
-        along = (spot - centre) / np.linalg.norm(spot - centre)
-        assert np.linalg.norm(np.cross(along, moved - centre)) < 2e-4
-        assert np.linalg.norm(moved - spot) < (0.01 if name == "multi_focus_tower" else 1.0)
-
-
 def test_the_shipped_study_is_the_fit_of_the_files(tmp_path):
     """Four errors take the residuals of AA39 from 28.8 to 2.6 mrad; so does SciPy on the planes of the targets."""
     result = api.build(api.load(STUDY)).compute()

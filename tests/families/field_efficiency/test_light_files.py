@@ -331,19 +331,6 @@ def test_three_surfaces_against_an_independent_ray_trace(field, tmp_path):
     np.testing.assert_array_equal(intercept(field(blocks, slope_map=swapped, slope_error=None, rays=2**18)), found)
 
 
-def test_equal_maps_give_the_bits_of_one_and_zero_maps_a_perfect_mirror(field, tmp_path):
-    one = api.build(field(slope_map=grid(tmp_path / "one.csv", *SIDES), slope_error=None, rays=2**12)).compute()
-    x, y = (side * ((np.arange(n) + 0.5) / n - 0.5) for side, n in zip(SIDES, (18, 16), strict=True))
-    leans = {f"slope_{axis}": (("heliostat", "z", "y"), np.stack([SLOPES[..., k]] * 3)) for k, axis in enumerate("xy")}
-    xr.Dataset(leans, {"y": x, "z": y, "heliostat": [0, 1, 2]}).to_netcdf(tmp_path / "same.nc")
-    same = api.build(field(slope_map=str(tmp_path / "same.nc"), slope_error=None, rays=2**12)).compute()
-    for name in ("intercept_efficiency", "optical_efficiency", "field_total_efficiency"):
-        np.testing.assert_array_equal(one[name], same[name])
-    zero = intercept(field(slope_map=maps(tmp_path / "zero.nc", 0 * SHAPES, name=["b1", "b2", "b3"]),
-                           slope_error=None, rays=2**12))  # fmt: skip
-    np.testing.assert_array_equal(zero, intercept(field(slope_error=0, rays=2**12)))
-
-
 def test_heliostats_without_a_map_have_the_slope_error(field, tmp_path):
     name = maps(tmp_path / "some.nc", 3 * SHAPES[1:2], name=["b2"])
     study = field(slope_map=name, slope_error=2)

@@ -134,26 +134,6 @@ def test_heliostats_of_a_layout_stand_above_its_ground(tmp_path):
     np.testing.assert_array_equal(result["spot_y"].sel(pivot_height=5), same["spot_y"])
 
 
-def test_detectors():
-    lines = [[1, 0, 2], [0, 1, -3], [1, 1, 500]]
-    result = computed(
-        detectors={"lines": lines}, error=error(axis=["elevation", "azimuth"]), mount={"mirror_offset": 0.5}
-    )
-    assert result["crossing_y"].dims[-1] == "detector"
-    met = result["crossing_error"].notnull()
-    assert bool(met.isel(detector=slice(0, 2)).all())
-    on_line = result["l0"] * result["crossing_y"] + result["l1"] * result["crossing_z"] - result["l2"]
-    assert float(abs(on_line).max()) < 1e-9
-    one = result.sel(axis="azimuth").isel(heliostat=0, detector=0).squeeze()
-    spot = (
-        computed(error=error(axis="azimuth", size=float(one["crossing_error"])), mount={"mirror_offset": 0.5})
-        .isel(heliostat=0)
-        .squeeze()
-    )
-    for side in "yz":
-        assert float(spot[f"spot_{side}"]) == pytest.approx(float(one[f"crossing_{side}"]), abs=1e-9)
-
-
 SMALL: dict[str, Any] = {
     "family": "misalignment", "site": {"latitude": 37.4}, "time": {"clock": "solar", "days": [172], "hours": [8, 12]},
     "receiver": {"height": 143, "width": 9, "height_extent": 9},

@@ -143,14 +143,6 @@ def test_the_first_draws_of_a_seed_never_change() -> None:
     assert standard_normals(7, 5, [316], 2) == pytest.approx(np.array([FIRST_NORMALS]), rel=1e-14)
 
 
-def test_uniform_draws_lie_inside_and_are_symmetric() -> None:
-    draws = standard_uniforms(1, 2, range(100), 2000)
-    assert 0.0 < draws.min() < 1e-4
-    assert 1.0 - 1e-4 < draws.max() < 1.0
-    assert np.array_equal(1.0 - (1.0 - draws), draws)
-    assert stats.kstest(draws.ravel(), "uniform").pvalue > 0.01
-
-
 @pytest.mark.parametrize("stream", [0, 5])
 def test_normal_draws_are_normal(stream: int) -> None:
     draws = standard_normals(7, stream, range(200), 1000)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 from heliosweep.kernels.gazing.geometry import (
     EXACT,
@@ -74,26 +73,3 @@ def test_camera_noise_reaches_the_bound(noise, fit_gain):
     np.testing.assert_allclose(exact.deviation * noise, bound, rtol=1e-6)
     told = found.deviation * noise / bound  # at the slopes found, not at the true ones
     assert np.median(told) == pytest.approx(1.0, abs=0.01)
-
-
-@pytest.mark.parametrize("fit_gain", [False, True])
-def test_minimum_of_scipy(fit_gain):
-    grid = twin.paper_grid(0.2)
-    images = expose(pictures(grid, jose(), 0.7 * twin.paper_canting())[0], noise=0.02, seed=1)
-    images[3, :100] = 0.0
-    some = np.arange(0, len(grid.pixels[0]), 41)
-    images, y, z = images[:, some], grid.pixels[0][some], grid.pixels[1][some]
-    found = fit_slopes("LM", LAYOUT, jose(), images, np.zeros((2, len(some))), [y, z], fit_gain=fit_gain)
-    for k in range(len(some)):
-        lit = images[:, k] >= 0.3
-
-        def rest(p, k=k, lit=lit):
-            value = twin.modelled(LAYOUT, y[k : k + 1], z[k : k + 1], 1e-3 * p[:2].reshape(2, 1))[:, 0]
-            return ((p[2] if fit_gain else 1.0) * value - images[:, k])[lit]
-
-        first = np.array([*(1e3 * found.slopes[:, k] + 0.01), 1.0][: 3 if fit_gain else 2])
-        expected = least_squares(rest, first, xtol=1e-13, ftol=1e-15, gtol=1e-15)
-        assert found.slopes[:, k] == pytest.approx(1e-3 * expected.x[:2], abs=2e-9)
-        assert found.merit[k] == pytest.approx(2.0 * expected.cost, rel=1e-5, abs=1e-12)
-        if fit_gain:
-            assert found.gain[k] == pytest.approx(expected.x[2], abs=1e-6)

@@ -112,20 +112,3 @@ def method_a(images, layout, y, z, threshold=0.3):
 def modelled(layout, y, z, p):
     """Brightness of all cameras for slopes p, shape (2, n), at one pixel each; Jose profile."""
     return images(layout, *series(y, z, layout.focal_length, p))
-
-
-def gauss_newton(images, layout, y, z, start, gain=False, steps=8):
-    """Slopes that fit the images best at each pixel, with a gain where asked; derivatives by differences."""
-    p, step, scale = np.array(start, float), 1e-8, np.ones(y.size)
-    for _ in range(steps):
-        value = modelled(layout, y, z, p)
-        ways = step * np.eye(2)[:, :, np.newaxis]
-        columns = [
-            scale * (modelled(layout, y, z, p + way) - modelled(layout, y, z, p - way)) / (2 * step) for way in ways
-        ]
-        matrix = np.stack([*columns, value] if gain else columns, axis=-1).swapaxes(0, 1)
-        rest = (images - scale * value).T[..., np.newaxis]
-        change = np.linalg.solve(matrix.swapaxes(1, 2) @ matrix, matrix.swapaxes(1, 2) @ rest)[..., 0].T
-        p = p + change[:2]
-        scale = scale + change[2] if gain else scale
-    return p

@@ -32,13 +32,3 @@ def test_instants(name, instant):
     assert row["cell"] < 0.02
     for key in ("unshaded", "unblocked", "both"):
         assert row[key] < 1e-3
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", YEARS)
-def test_standard_errors_cover_the_reference(name):
-    rows = [compare(name, 64, seed=seed) for seed in range(1, 13)]
-    inside = [abs(row["field"] - np.mean([each["field"] for each in rows])) <= 2.0 * row["field_error"] for row in rows]
-    assert np.mean(inside) >= 0.75
-    assert np.mean([row["covered"] for row in rows]) == pytest.approx(0.95, abs=0.02)
-    assert abs(np.mean([row["field"] for row in rows])) < 1e-4

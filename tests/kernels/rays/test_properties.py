@@ -104,28 +104,6 @@ def test_a_tower_shades():
     assert rays.trace(low, sun).sums[0, 0, 0, rays.UNSHADED] == 1.0
 
 
-def test_slopes_of_a_map():
-    receiver, sun = rays.rectangle((0.0, 0.0, 60.0), 0.0, 0.0, 2.0, 2.0), direction(180.0, 40.0)
-    grid = np.linspace(-4.0, 4.0, 33)
-    curve = 0.5 / 230.0
-    slope = np.stack(np.broadcast_arrays(-curve * grid[np.newaxis, :], -curve * grid[:, np.newaxis]), axis=-1)
-    flat = scene(receiver, place=(5.0, 220.0, 5.0), sides=(8.0, 8.0), errors=(5e-4, 5e-4, 0.0))
-    mapped = flat._replace(slopes=rays.SlopeMap(grid, grid, slope[np.newaxis], np.zeros(1, np.int64), False))
-    bent = flat._replace(curve=np.array([curve]))
-    hits = [rays.trace(each, sun, rays=4096).sums[:, 0, 0, rays.HIT].mean() for each in (flat, mapped, bent)]
-    assert hits[1] == pytest.approx(hits[2], abs=1e-3)
-    assert hits[0] < 0.5 * hits[1]
-    holed = slope.copy()
-    holed[3, 5] = holed[20, 30, 0] = np.nan
-    found = rays.filled(np.stack((holed, slope)))
-    assert np.array_equal(found[1], slope)
-    assert np.abs(found[0] - slope).max() == pytest.approx(curve * 0.25)
-    maps = rays.SlopeMap(grid, grid, np.stack((slope, holed, 0.0 * slope)), np.array([1]), False)
-    assert rays.trace(flat._replace(slopes=maps), sun, rays=4096).sums[:, 0, 0, rays.HIT].mean() == pytest.approx(
-        hits[1], abs=2e-3
-    )
-
-
 def test_standard_errors_cover():
     rng = np.random.default_rng(8)
     made, sun = random_field(rng, 25), suns(rng, 12)
