@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.optimize import brentq
-from scipy.spatial.transform import Rotation
 
 import heliosweep
 from tests.kernels.mounts.normals import normal_and_centre
@@ -94,43 +93,17 @@ def test_planted_errors_come_back(kind, parameters, loss):
     np.testing.assert_allclose([on_target.spot_y, on_target.spot_z], 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("axis", mounts.AXES)
-@pytest.mark.parametrize("source", mounts.SOURCES)
-def test_curves_and_tolerances_are_those_of_rotated_mirrors(source, axis):
-    offsets = {"mirror_offset": 0.4, "pedestal_height": 3.0}
-    place = {"pivot": PIVOTS[1], "aim": AIM, **offsets, **FACE}
-    aligned = heliosweep.mount_angles(SUN[0][0], SUN[1][0], **place)
-    pair = np.radians([float(aligned.primary_angle), float(aligned.secondary_angle)])
-    normal, arm = normal_and_centre(np.eye(3), pair, 1e-3 * ERRORS[1], (0.4, 0.0, 3.0))
-    e = normal_and_centre(np.eye(3), pair, 1e-3 * ERRORS[1] + [0, 0, 0, 0, 0, np.pi / 2])[0]  # along the normal's right
-    up = normal_and_centre(np.eye(3), [0.0, np.pi / 2], 1e-3 * ERRORS[1] * [0, 0, 1, 1, 0, 0])[0]
-    about = {"elevation": e, "azimuth": np.cross(normal, e), "encoder_azimuth": -up}[axis]
-    base = {"canting": arm, "encoder": np.zeros(3), "tilt": np.array([0.0, 0.0, -3.0])}[source]
-    pivot = normal_and_centre(np.eye(3), pair, 1e-3 * ERRORS[1], (0.0, 0.0, 3.0))[1]
-    base = base if source == "canting" else pivot if source == "encoder" else base
-
-    def spot(size):
-        turn = Rotation.from_rotvec(1e-3 * size * about)
-        centre = base + turn.apply(arm - base) + PIVOTS[1] - AIM
-        return meet(turn.apply(normal), centre, vectors(SUN[0][0], SUN[1][0]), vectors(10.0, -20.0))
-
-    sizes = np.array([-20.0, -3.0, 0.0, 5.0, 30.0])
+def test_a_curve_has_the_spots_of_an_encoder_error_and_its_tolerance_ends_at_the_edge():
+    place, one = {"pivot": PIVOTS[1], "aim": AIM, **FACE}, (SUN[0][0], SUN[1][0])
     curve = heliosweep.deviation_curve(
-        SUN[0][0], SUN[1][0], size=sizes, source=source, axis=axis, width=30.0, height_extent=25.0, errors=ERRORS[1],
-        **place,
-    )  # fmt: skip
-    np.testing.assert_allclose([curve.spot_y, curve.spot_z], np.transpose([spot(size) for size in sizes]), atol=1e-9)
-
-    def outside(size):
-        y, z = spot(size)
-        return max(abs(y) / 15.0, abs(z) / 12.5) - 1.0
-
-    exits = []
-    for side in (-1.0, 1.0):
-        tried = side * np.arange(0.0, 200.0, 0.5)
-        first = next(k for k, size in enumerate(tried) if outside(size) > 0.0)
-        exits.append(abs(brentq(outside, tried[first - 1], tried[first], xtol=1e-13)))
-    assert float(curve.tracking_tolerance) == pytest.approx(min(exits), rel=1e-9)
+        *one, size=[-20.0, 0.0, 5.0], source="encoder", width=3.0, height_extent=2.5, mirror_offset=0.4, **place
+    )
+    spots = [heliosweep.mount_spots(*one, errors=[0.0, size], mirror_offset=0.4, **place) for size in (-20, 0, 5)]
+    for side in "yz":
+        np.testing.assert_allclose(curve[f"spot_{side}"], [spot[f"spot_{side}"] for spot in spots], atol=1e-9)
+    least = float(curve.tracking_tolerance)
+    ends = [heliosweep.mount_spots(*one, errors=[0.0, size], mirror_offset=0.4, **place) for size in (-least, least)]
+    assert max(max(abs(end.spot_y) / 1.5, abs(end.spot_z) / 1.25) for end in ends) == pytest.approx(1.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", mounts.KINDS)

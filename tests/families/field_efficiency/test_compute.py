@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from pvlib import solarposition
 from scipy.spatial import ConvexHull
 from shapely.geometry import MultiPoint
 
@@ -69,23 +68,6 @@ def test_layout_files_can_be_swept_and_keep_their_columns(small, tmp_path):
     result = computed(small(layout={"file": [str(tmp_path / "a.csv"), str(tmp_path / "b.csv")]}))
     assert result["optical_efficiency"].dims == ("latitude", "tracking", "layout", "heliostat")
     assert result["name"].values.tolist() == [["first", "second"], ["third", ""]]
-
-
-def test_civil_clock_follows_pvlib(small):
-    site = {"latitude": 37.4, "longitude": -6.25, "altitude": 20}
-    result = computed(small(site=site, time=CIVIL, output={"time_series": True}))
-    stamps = result["time"].to_index().tz_localize("UTC")
-    expected = solarposition.spa_python(stamps, 37.4, -6.25, altitude=20, delta_t=None)
-    up = expected["elevation"].to_numpy() > 0
-    night = result["instantaneous_cosine_efficiency"].isnull().all(["tracking", "heliostat"])
-    np.testing.assert_array_equal(~night, up)
-    elevation, azimuth = np.radians(expected["elevation"]), np.radians(expected["azimuth"])
-    s = np.column_stack([np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)])
-    to_target = np.column_stack([-result["x"], -result["y"], np.full(result.sizes["heliostat"], 55.0)])
-    r = to_target / np.linalg.norm(to_target, axis=1, keepdims=True)
-    cosine = np.sqrt((1 + s @ r.T) / 2)
-    shown = result["instantaneous_cosine_efficiency"].sel(tracking="spinning_elevation")
-    np.testing.assert_allclose(shown.values[up], cosine[up], atol=1e-12)
 
 
 def test_series_of_a_shorter_site_are_padded_with_nan(small, tmp_path):

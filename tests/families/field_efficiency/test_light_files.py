@@ -184,19 +184,10 @@ def test_a_map_of_backward_gazing(field, tmp_path):
     np.testing.assert_allclose(found, intercept(turned), atol=2e-3)
 
 
-def test_dirt_by_month_and_between_washings(small):
+def test_dirt_between_washings(small):
     base = {"site": {"latitude": 40}, "receiver": RECEIVER, "tracking": "azimuth_elevation"}
-    months = {key: value for key, value in OPTICS.items() if key != "cleanliness"}
-    months["cleanliness_by_month"] = [0.5, *[1.0] * 10, 0.7]
-    hours = {"clock": "solar", "days": [15, 172, 350], "hours": {"start": 9, "stop": 15, "step": 3},
-             "sampling": "inclusive"}  # fmt: skip
-    series = computed(small(**base, optics=months, time=hours, output={"time_series": True}))
-    np.testing.assert_allclose(series["reflection_efficiency"], 0.9 * (0.5 + 1.0 + 0.7) / 3, rtol=1e-14)
-    every = series["instantaneous_total_efficiency"] / series["instantaneous_optical_efficiency"]
-    every = every / series["instantaneous_intercept_efficiency"] / series["attenuation_efficiency"] / 0.9
-    np.testing.assert_allclose(every.isel(heliostat=0), np.repeat([0.5, 1.0, 0.7], 3), rtol=1e-12)
     dirty = {**OPTICS, "soiling": {"rate": [0, 0.004], "washing_interval": 20}}
-    result = computed(small(**base, optics=dirty, time=hours))
+    result = computed(small(**base, optics=dirty))
     np.testing.assert_allclose(result["reflection_efficiency"].isel(heliostat=0), [0.855, 0.855 * 0.96], rtol=1e-14)
 
 

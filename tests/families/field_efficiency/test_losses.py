@@ -29,27 +29,6 @@ def of_site(**keys: Any) -> dict[str, Any]:
     return {"site": {"file": str(TMY3), **keys}}
 
 
-def test_a_tower_shades_the_mirrors_of_a_study(small):
-    """As by the function on arrays; by default it ends at the receiver."""
-    blocks = {"site": None, "tracking": "azimuth_elevation",
-              "time": {"clock": "sun", "azimuth": [100, 180, 260], "elevation": 25}}  # fmt: skip
-    found = computed(small(**blocks, tower={"radius": [2.0, 6.0]}))
-    places = np.stack([found.x, found.y, found.z + 5.0], axis=1)
-    sun = found["sun_azimuth"].to_numpy(), 25.0
-    for radius in (2.0, 6.0):
-        wanted = heliosweep.field_efficiency(
-            places, *np.broadcast_arrays(*sun), width=9.0, height=8.0, aim=60.0, tower=(radius, 60.0)
-        )
-        values = found.sel(tower_radius=radius)
-        for name in ("shading", "optical"):
-            np.testing.assert_allclose(
-                values[f"{name}_efficiency"].transpose("sun_azimuth", "heliostat"),
-                wanted[f"{name}_efficiency"],
-                rtol=1e-13,
-            )
-    assert (found["shading_efficiency"].min(["sun_azimuth", "heliostat"]) < 0.9).all()
-
-
 def test_the_tower_is_a_stage_of_the_energy(year):
     """Rays and polygons agree, and the stages are the incident less the received energy."""
     tower = {"tower": {"radius": 3, "top": 28}}

@@ -76,21 +76,6 @@ def test_rays_agree_with_exact_polygons(lit, small, tmp_path):
     assert "total_efficiency" not in plain
 
 
-def test_standard_errors_cover_the_differences_between_seeds(lit):
-    """Two standard errors hold 95 %, also of the field, whose 24 values are within them 21 times at least."""
-    layout = {"radial_stagger": {"clearance": 13, "inner_radius": 60, "heliostats": 20}}
-    few = {"layout": layout, "receiver": {**RECEIVER, "radius": 1, "height_extent": 2}, "tracking": "azimuth_elevation"}
-    made = [computed(lit(**few, optics={**OPTICS, "rays": 64, "seed": seed})) for seed in range(24)]
-    exact = computed(lit(**few, optics={**OPTICS, "rays": 2**14, "seed": 99}))
-    for name in ("total", "optical", "intercept"):
-        for of, least in (("", 0.93), ("field_", 21 / 24)):
-            key = f"{of}{name}_efficiency"
-            off = np.array([(one[key] - exact[key]) / one[f"{key}_error"].clip(1e-12) for one in made])
-            off = off[np.array([one[f"{key}_error"] > 0 for one in made])]
-            assert np.mean(np.abs(off) < 2) >= least
-            assert np.sqrt(np.median(off**2)) > 0.1
-
-
 def test_a_former_method_is_read_with_a_note(lit):
     study = lit(optics={**OPTICS, "method": "gaussian"})
     assert any("optics.method is no longer used" in note for note in study.notes())

@@ -7,13 +7,11 @@ from heliosweep.kernels.gazing.geometry import (
     NONE,
     ROLL,
     eroded,
-    expose,
     image_set,
     module_spheres,
     themis_8,
     transfers,
 )
-from heliosweep.kernels.gazing.slopes import solutions, wavefront_departures
 from heliosweep.kernels.profiles import jose
 from tests.kernels.gazing import twin
 
@@ -53,17 +51,3 @@ def test_method_a_of_the_paper():
     np.testing.assert_allclose(np.abs(errors[NONE]), [[14.5, 1.8], [14.8, 2.0]], atol=0.05)
     assert np.all(np.abs(errors[ROLL]) < 2.6)
     assert np.all(np.abs(errors[EXACT]) < 0.45)  # what its own approximation leaves
-
-
-def test_twin():
-    layout, grid = twin.paper_scene(), twin.paper_grid(0.2)
-    images, _ = image_set(layout, grid, jose(), module_spheres(themis_8(), 120.0, 1.4 * twin.paper_canting()))
-    for some in (images, expose(images, noise=0.02, bits=12)):
-        inside = np.where(some > 0.69, some, 0.0)  # the twin knows no tangent
-        expected = twin.method_a(inside, layout, grid.pixels[0], grid.pixels[1])
-        ideal = twin.ideal_squares(layout, grid.pixels)
-        found, lit = wavefront_departures(inside, ideal, solutions(layout.gaze), jose(), 0.3)
-        assert 0 < np.isnan(expected).sum() < expected.size / 8
-        np.testing.assert_allclose(found, expected, atol=1e-13)
-        np.testing.assert_array_equal(np.bitwise_count(lit), np.sum(inside >= 0.3, axis=0))
-        np.testing.assert_array_equal(np.isnan(found[0]), np.bitwise_count(lit) < 3)

@@ -60,35 +60,3 @@ def test_stated_errors_are_those_found(kind, number):
     ratio = stated / np.array(found)
     np.testing.assert_allclose(ratio, 1.0, atol=0.15)  # four times the statistical error
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.15 if number < 3 else 0.08)
-
-
-def test_principal_focal_lengths_are_those_of_an_independent_fit():
-    """Planes by lstsq, eigenvalues by numpy; standard errors are those of trials."""
-    grid, noise = twin.paper_grid(0.15), 0.1 * MRAD
-    use, base = eroded(grid, 1), true_slopes(grid)
-    c, s = np.cos(np.radians(70.0)), np.sin(np.radians(70.0))
-    turn = np.array([[c, -s], [s, c]])
-    own = turn @ np.diag([0.5 / 140.0, 0.5 / 110.0]) @ turn.T
-    here, at = grid.pixel_module == 4, themis_8().centre[4]
-    place = np.stack((grid.pixels[0] - at[0], grid.pixels[1] - at[1]))
-    base[:, here] += ((0.5 / 120.0) * np.eye(2) - own) @ place[:, here]
-    rng = np.random.default_rng(2)
-    pulls = []
-    for trial in range(100):
-        slopes = base + noise * rng.standard_normal(base.shape)
-        found = estimates(slopes, grid, use)
-        if trial == 0:
-            kept = here & use
-            columns = np.column_stack((np.ones(kept.sum()), *place[:, kept]))
-            fit = np.linalg.lstsq(columns, slopes[:, kept].T, rcond=None)[0][1:]
-            values, axes = np.linalg.eigh((0.5 / 120.0) * np.eye(2) - 0.5 * (fit + fit.T))
-            np.testing.assert_allclose(found["principal"][:, 4], 0.5 / values, rtol=1e-10)
-            assert np.abs(axes[:, 0] @ [np.cos(found["axis"][4]), np.sin(found["axis"][4])]) == pytest.approx(
-                1.0, abs=1e-12
-            )
-        pulls.append([
-            *((found["principal"][:, 4] - [140.0, 110.0]) / found["principal_error"][:, 4]),
-            (found["axis"][4] - np.radians(70.0)) / found["axis_error"][4],
-        ])  # fmt: skip
-    assert np.std(pulls, axis=0) == pytest.approx(np.ones(3), abs=0.2)
-    assert np.mean(pulls, axis=0) == pytest.approx(np.zeros(3), abs=0.35)

@@ -92,23 +92,6 @@ def images(layout, points, normals):
     return np.stack([jose(np.hypot(*offsets(layout, i, points, normals).T)) for i in range(len(layout.cameras))])
 
 
-def method_a(images, layout, y, z, threshold=0.3):
-    """Departures of the wavefront slopes, by least squares at one pixel after another; Jose profile."""
-    ideal = np.stack(
-        [np.sum(offsets(layout, i, *series(y, z, layout.focal_length)) ** 2, axis=-1) for i in range(len(images))]
-    )
-    out = np.full((2, y.size), np.nan)
-    for k in range(y.size):
-        lit = images[:, k] >= threshold
-        if lit.sum() < 3:
-            continue
-        c = (images[lit, k] - LIMB) / (1.0 - LIMB)
-        square = EPS_MAX**2 * np.maximum(1.0 - c**2, 0.0) ** (2.0 / POWER)
-        matrix = np.column_stack((-2.0 * layout.gaze[lit], np.full(lit.sum(), 1e-3)))
-        out[:, k] = np.linalg.lstsq(matrix, square - ideal[lit, k], rcond=None)[0][:2]
-    return out
-
-
 def modelled(layout, y, z, p):
     """Brightness of all cameras for slopes p, shape (2, n), at one pixel each; Jose profile."""
     return images(layout, *series(y, z, layout.focal_length, p))
