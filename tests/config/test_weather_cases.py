@@ -146,79 +146,55 @@ def cams() -> str:
     return table(head, row)
 
 
+#: Files of the made DNI of Almeria and their options.
+HERE: dict[str, tuple[Callable[[], str], dict[str, Any]]] = {
+    "PSM names": (partial(of_year, psm, where="37.1,-2.36,1", city='"Almeria, PSA"'), {}),
+    "EPW": (partial(of_year, epw), {}),
+    "EPW names": (partial(of_year, epw, city='"Almeria, PSA"'), {}),
+    "EPW hours 0 to 23": (partial(of_year, epw, hour=0), {}),
+    "EPW hours 0 to 23, label": (partial(of_year, epw, hour=0), {"label": "start"}),
+    "TMY3 names": (partial(of_year, tmy3, city="ALMERIA, PSA"), {}),
+    "TMY3 offset": (partial(of_year, tmy3), {"offset": -0.5}),
+    "NASA POWER": (lambda: nasa("UTC"), {"timezone": "+01:00"}),
+    "CAMS": (cams, {}),
+}
+#: Heads of tables, a row of each, and their options.
+TABLES: dict[str, tuple[str, Callable[[datetime, str], str], dict[str, Any]]] = {
+    "night offset": ("time,dni", measured, {"label": "start"}),
+    "Solargis": ("#SOLARGIS\n#Latitude: 37.1\n#Time zone: UTC+1\nDate;Time;GHI;DNI;DIF;TEMP", solargis, {}),
+    "date and time": ("Date;Time;GHI;DNI;DIF;TEMP", solargis, {"label": "middle", "timezone": "+01:00"}),
+    "Excel, USA": ("Date/Time,DNI [W/m^2]", american, {"label": "start", "timezone": "Etc/GMT-1"}),
+    "five columns": ("Year,Month,Day,Hour,Minute,DNI", lambda time, dni: f"{time:%Y,%m,%d,%H},30,{dni}",
+                     {"label": "middle", "timezone": "+01:00"}),
+    "row of units": ("timestamp (UTC+1);dni;note\n-;W per m2;", lambda time, dni: f"{time:%Y-%m-%d %H:%M};{dni};a",
+                     {"label": "start"}),
+    "kW/m2": ("time;DNI (kW/m2)", lambda time, dni: f"{time:%Y-%m-%d %H:%M}+01:00;{float(dni) / 1000!r}",
+              {"label": "start"}),
+    "SAM without minutes": ("Latitude,Longitude,Time Zone,Elevation\n37.1,-2.36,1,500\nYear,Month,Day,Hour,Beam,Wspd",
+                            lambda time, dni: f"{time:%Y,%m,%d,%H},{dni},2", {}),
+    "logger": ('"TOA5","PSA, Almeria","CR1000"\n"TIMESTAMP","RECORD","DNI_Avg"\n"TS","RN","W/m^2"\n"","","Avg"',
+               lambda time, dni: f'"{time + timedelta(hours=1):%Y-%m-%d %H:%M:%S}",1,{dni}',
+               {"label": "end", "timezone": "+01:00"}),
+    "pandas": (",dni", lambda time, dni: f"{time:%Y-%m-%d %H:%M:%S}+01:00,{dni}", {"label": "start"}),
+    "end of the period": ("PeriodEnd,PeriodStart,Dni", lambda time, dni: f"{time:%Y-%m-%dT%H:%M}Z,-,{dni}", {}),
+    "date and hour": ("Datum;Hour;DNI",
+                      lambda time, dni: f"{time:%d.%m.%Y};{time.hour + 1};{dni.replace('.', ',')}",
+                      {"label": "end", "timezone": "+01:00"}),
+    "day of the year": ("Year;Day;Time;DNI", lambda time, dni: f"2019;{time.timetuple().tm_yday};{time:%H:30};{dni}",
+                        {"label": "middle", "timezone": "+01:00"}),
+}  # fmt: skip
+PVGIS = (45.0, 8.0)
 MADE: dict[str, tuple[Callable[[], str], dict[str, Any], tuple[float, float], tuple[float, float]]] = {
+    **{name: (*made, ALMERIA, SPANISH) for name, made in HERE.items()},
+    **{name: (partial(table, *made), options, ALMERIA, SPANISH) for name, (*made, options) in TABLES.items()},
     "PSM 3 padded": (partial(of_year, psm, "delhi", "28.6,77.2,5.5", padding=",,,,,"), {}, DELHI, INDIAN),
     "PSM minute 0": (partial(of_year, psm, "phoenix", "33.45,-111.98,-7", minutes=[0]), {}, PHOENIX, ARIZONAN),
-    "PSM names": (partial(of_year, psm, where="37.1,-2.36,1", city='"Almeria, PSA"'), {}, ALMERIA, SPANISH),
-    "EPW": (partial(of_year, epw), {}, ALMERIA, SPANISH),
-    "EPW names": (partial(of_year, epw, city='"Almeria, PSA"'), {}, ALMERIA, SPANISH),
-    "EPW hours 0 to 23": (partial(of_year, epw, hour=0), {}, ALMERIA, SPANISH),
-    "EPW hours 0 to 23, label": (partial(of_year, epw, hour=0), {"label": "start"}, ALMERIA, SPANISH),
-    "TMY3 names": (partial(of_year, tmy3, city="ALMERIA, PSA"), {}, ALMERIA, SPANISH),
-    "TMY3 offset": (partial(of_year, tmy3), {"offset": -0.5}, ALMERIA, SPANISH),
-    "night offset": (lambda: table("time,dni", measured), {"label": "start"}, ALMERIA, SPANISH),
-    "Solargis": (
-        lambda: table(
-            "#SOLARGIS-like time series\n#Latitude: 37.1\n#Time zone: UTC+1\nDate;Time;GHI;DNI;DIF;TEMP", solargis
-        ), {}, ALMERIA, SPANISH,
-    ),
-    "date and time": (
-        lambda: table("Date;Time;GHI;DNI;DIF;TEMP", solargis), {"label": "middle", "timezone": "+01:00"},
-        ALMERIA, SPANISH,
-    ),
-    "Excel, USA": (
-        lambda: table("Date/Time,DNI [W/m^2]", american), {"label": "start", "timezone": "Etc/GMT-1"}, ALMERIA, SPANISH
-    ),
-    "five columns": (
-        lambda: table("Year,Month,Day,Hour,Minute,DNI", lambda time, dni: f"{time:%Y,%m,%d,%H},30,{dni}"),
-        {"label": "middle", "timezone": "+01:00"}, ALMERIA, SPANISH,
-    ),
-    "row of units": (
-        lambda: table("timestamp (UTC+1);dni;note\n-;W per m2;", lambda time, dni: f"{time:%Y-%m-%d %H:%M};{dni};a"),
-        {"label": "start"}, ALMERIA, SPANISH,
-    ),
-    "kW/m2": (
-        lambda: table("time;DNI (kW/m2)", lambda time, dni: f"{time:%Y-%m-%d %H:%M}+01:00;{float(dni) / 1000!r}"),
-        {"label": "start"}, ALMERIA, SPANISH,
-    ),
-    "SAM without minutes": (
-        lambda: table(
-            "Latitude,Longitude,Time Zone,Elevation\n37.1,-2.36,1,500\nYear,Month,Day,Hour,Beam,Wspd",
-            lambda time, dni: f"{time:%Y,%m,%d,%H},{dni},2",
-        ), {}, ALMERIA, SPANISH,
-    ),
-    "logger": (
-        lambda: table(
-            '"TOA5","PSA, Almeria","CR1000"\n"TIMESTAMP","RECORD","DNI_Avg"\n"TS","RN","W/m^2"\n"","","Avg"',
-            lambda time, dni: f'"{time + timedelta(hours=1):%Y-%m-%d %H:%M:%S}",1,{dni}',
-        ), {"label": "end", "timezone": "+01:00"}, ALMERIA, SPANISH,
-    ),
-    "pandas": (
-        lambda: table(",dni", lambda time, dni: f"{time:%Y-%m-%d %H:%M:%S}+01:00,{dni}"),
-        {"label": "start"}, ALMERIA, SPANISH,
-    ),
-    "end of the period": (
-        lambda: table("PeriodEnd,PeriodStart,Dni", lambda time, dni: f"{time:%Y-%m-%dT%H:%M}Z,-,{dni}"), {},
-        ALMERIA, SPANISH,
-    ),
-    "date and hour": (
-        lambda: table("Datum;Hour;DNI", lambda time, dni: f"{time:%d.%m.%Y};{time.hour + 1};{dni.replace('.', ',')}"),
-        {"label": "end", "timezone": "+01:00"}, ALMERIA, SPANISH,
-    ),
-    "day of the year": (
-        lambda: table("Year;Day;Time;DNI", lambda time, dni: f"2019;{time.timetuple().tm_yday};{time:%H:30};{dni}"),
-        {"label": "middle", "timezone": "+01:00"}, ALMERIA, SPANISH,
-    ),
-    "NASA POWER": (lambda: nasa("UTC"), {"timezone": "+01:00"}, ALMERIA, SPANISH),
-    "CAMS": (cams, {}, ALMERIA, SPANISH),
-    "PVGIS EPW": (pvgis_epw, {}, (45.0, 8.0), (33.603347, 28.115348)),
-    "PVGIS CSV": (lambda: text_of("pvgis_tmy_45_8.csv.gz"), {}, (45.0, 8.0), (33.603347, 28.115348)),
-    "PVGIS JSON": (pvgis_json, {}, (45.0, 8.0), (33.603347, 28.115348)),
-    "typical year": (own_typical_year, {"label": "middle"}, (45.0, 8.0), (33.595150, 28.087646)),
-    "PSM 4 full disc": (
-        lambda: text_of("psm4_full_disc_2023.csv.gz"), {}, (40.51, -108.54), (47.878192, 39.233645)
-    ),
-}  # fmt: skip
+    "PVGIS EPW": (pvgis_epw, {}, PVGIS, (33.603347, 28.115348)),
+    "PVGIS CSV": (lambda: text_of("pvgis_tmy_45_8.csv.gz"), {}, PVGIS, (33.603347, 28.115348)),
+    "PVGIS JSON": (pvgis_json, {}, PVGIS, (33.603347, 28.115348)),
+    "typical year": (own_typical_year, {"label": "middle"}, PVGIS, (33.595150, 28.087646)),
+    "PSM 4 full disc": (lambda: text_of("psm4_full_disc_2023.csv.gz"), {}, (40.51, -108.54), (47.878192, 39.233645)),
+}
 
 
 @pytest.mark.parametrize("name", MADE)
