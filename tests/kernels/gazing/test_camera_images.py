@@ -107,7 +107,7 @@ def test_images_that_show_no_disc():
         (np.zeros((50, 50)), "no disc"),
         (np.full((50, 50), np.nan), "no disc"),
         (sun_image(8.0, 40, (20.0, 20.0), 0.0), "12 are needed"),
-        (whole[:, 20:], "frame cuts"),
+        (whole[:, 20:], "cut off by the frame"),
         (np.where(np.arange(90) > 45, whole, 0.0), "no single round disc"),
         (np.hstack((whole, whole)), "no single round disc"),
     ):
