@@ -1,7 +1,7 @@
-"""Tables of the keys of study files, which ``make reference`` writes into the pages; directive `study-example`.
+"""Write tables of study keys into the reference pages (``make reference``), and define the directive `study-example`.
 
-The pages hold the tables as text, so that they can be read where nobody has built the site. A test tells when they are
-not those of the schema any more.
+The pages contain the tables as text, which can be read without building the site. A test fails if the tables differ
+from the schema.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from heliosweep.config.schema import Key, keys_of
 from heliosweep.config.study import Study
 from heliosweep.families.family import families
 
-#: Pages with tables.
+#: Pages that contain tables of keys.
 PAGES = sorted((Path(__file__).parents[1] / "reference").glob("*.md"))
 
 _MARKED = re.compile(
@@ -31,14 +31,14 @@ def _cell(text: str) -> str:
 
 
 def _meaning(key: Key) -> str:
-    """The description; what each of several names means as a list."""
+    """Return the description of a key, followed by its names and their meanings (if any)."""
     where = f" ({key.only})" if key.only else ""
-    listed = "; ".join(f"`{name}` {meaning}" for name, meaning in key.options)
+    listed = "; ".join(f"`{name}`: {meaning}" for name, meaning in key.options)
     return _cell(f"{key.meaning}: {listed}{where}" if listed else f"{key.meaning}{where}")
 
 
 def table(study: type[Study], keys: list[Key]) -> str:
-    """Return the keys as a table in Markdown, each with an anchor."""
+    """Return a Markdown table of the keys, with an anchor for each key."""
     family = study.family_name()
     lines = ["| key | what | value | default | swept |", "|---|---|---|---|---|"]
     for key in keys:
@@ -52,9 +52,9 @@ def table(study: type[Study], keys: list[Key]) -> str:
 
 
 def sections(family: str, names: str, level: int = 2) -> str:
-    """Return a table for the keys at the top and one for each block.
+    """Return a table of the top-level keys without a block, and a table for each block.
 
-    `names` are keys at the top, those that are meant or, after ``without``, those that are not.
+    `names` contains the top-level keys to include, or, after the word ``without``, the keys to omit.
     """
     study = families()[family].study_class()
     first, *rest = names.split() or [""]
@@ -70,7 +70,10 @@ def sections(family: str, names: str, level: int = 2) -> str:
 
 
 def filled(text: str) -> str:
-    """Return a page with the tables that its marks ask for: the family, the level of headings, and keys."""
+    """Return a page with the tables requested by its marks.
+
+    Each mark specifies the family, the heading level and the keys.
+    """
 
     def written(found: re.Match[str]) -> str:
         begin, family, level, names, end = found.groups()
@@ -80,12 +83,12 @@ def filled(text: str) -> str:
 
 
 class StudyExample(SphinxDirective):
-    """`{study-example} FAMILY`: the commented study file to start from."""
+    """Directive `{study-example} FAMILY`, which shows the commented example study of a family."""
 
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """Return the file."""
+        """Return the example study as a literal block."""
         text = families()[self.arguments[0]].example()
         return [nodes.literal_block(text, text, language="yaml")]
 

@@ -84,15 +84,15 @@ def test_polygons_in_all_forms(tmp_path, form):
     ("text", "message"),
     [
         ("POLYGON ((0 0, 100 100, 100 0, 0 100, 0 0))", "crosses itself at 50, 50; list the corners"),
-        ("POLYGON ((0 0, 1 1", "is no WKT: "),
-        ("", "is no WKT: "),
+        ("POLYGON ((0 0, 1 1", "is not valid WKT: "),
+        ("", "is not valid WKT: "),
         ("POLYGON EMPTY", r"must contain polygons \(got none\)"),
         ("POLYGON ((0 0, 1 1, 2 2, 0 0))", "Too few points|Self-intersection|crosses itself"),
         ("LINESTRING (0 0, 9 9)", r"must contain polygons \(got a LineString\)"),
         ("POLYGON ((500000 4000000, 501000 4000000, 501000 4001000, 500000 4000000))", "beyond any field"),
-        ("POLYGON ((nan 0, 1 1, 1 0, nan 0))", "beyond any field|is no WKT"),
+        ("POLYGON ((nan 0, 1 1, 1 0, nan 0))", "beyond any field|is not valid WKT"),
         ("POLYGON ((-6.26 37.44, -6.24 37.44, -6.24 37.45, -6.26 37.44))", "is probably in degrees"),
-        ('{"type": "Polygon"}', "is no GeoJSON: "),
+        ('{"type": "Polygon"}', "is not valid GeoJSON: "),
         ('{"type": "FeatureCollection", "features": []}', r"must contain polygons \(got none\)"),
     ],
 )
@@ -229,9 +229,9 @@ def test_heights_that_are_wrong(tmp_path):
             np.zeros((5, 5)),
             [0.0, 101, -200],
             [0.0, 0, 0],
-            "2 of 3 heliostats beyond .* x from -100 to 100 m",
+            "no heights at 2 of 3 heliostats.* x from -100 to 100 m",
         ),
-        ("away", x + 500, np.zeros((5, 5)), [500.0, 510], [0.0, 0], "the tower beyond its heights"),
+        ("away", x + 500, np.zeros((5, 5)), [500.0, 510], [0.0, 0], "no heights at the tower"),
         ("gap", x, gap, [0.0, 99], [0.0, 99], "1 of 2 heliostats"),
     ):
         heights = read_heights(grid(tmp_path / f"{name}.nc", at, x, level))

@@ -125,7 +125,7 @@ def test_command_and_study(tmp_path, monkeypatch, capsys):
 def test_folders_that_are_none(folder, tmp_path):
     (tmp_path / "empty").mkdir()
     for place, said in (("empty", "it contains no *heliostat-properties.json"), ("gone", "there is no such folder")):
-        assert told(tmp_path / place) == [f"{tmp_path / place}: is not a folder of PAINT: {said}"]
+        assert told(tmp_path / place) == [f"{tmp_path / place}: is not a PAINT folder: {said}"]
     shutil.copy(folder / TOWER, folder / "AA31" / TOWER)
     assert "it contains 2 files *tower-measurements.json, but must contain one" in told(folder)[0]
     shutil.copytree(folder / "AA31", folder / "more" / "AA31")

@@ -190,7 +190,7 @@ def test_corrections_are_in_degrees_and_steps(plant, tmp_path, monkeypatch, caps
     ("name", "keys", "value", "said"),
     [
         (SPOT, ("motor_position", "axis_1_motor_position"), 900_000,
-         f"{SPOT}:3:30: motor_position.axis_1_motor_position: is a stroke that does not form a triangle of the"),
+         f"{SPOT}:3:30: motor_position.axis_1_motor_position: is a stroke with which the actuator does not form a"),
         (SPOT, ("focal_spot",), {}, "focal_spot: has no 'UTIS'"),
         (SPOT, ("sun_elevation",), "high", "sun_elevation: must be an angle in deg"),
         (PROPERTIES, (*ACTUATOR, "offset"), 2.0,

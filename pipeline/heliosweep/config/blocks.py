@@ -1,7 +1,6 @@
 """Define the blocks common to all families, and convert pydantic errors to problems with a line and column.
 
-Families declare their own blocks as subclasses of `Block`. The block `execution` does not affect the numbers of a
-result.
+Families declare their own blocks as subclasses of `Block`. The `execution` block does not affect the numerical results.
 """
 
 from __future__ import annotations
@@ -62,12 +61,12 @@ class Block(BaseModel):
 
     @classmethod
     def parameter(cls, key: str) -> Parameter | None:
-        """Return the declaration of the field `key`, such as a Quantity, or None for a block or a list."""
+        """Return the declaration (such as a Quantity) of the field `key`, or None if the field is a block or a list."""
         return next((item for item in cls.model_fields[key].metadata if isinstance(item, Parameter)), None)
 
     @classmethod
     def literals(cls, key: str) -> tuple[str, ...]:
-        """Return the allowed values of the field `key` if it is a Literal, such as ``clock: solar``.
+        """Return the allowed values of the field `key` if its type is a Literal, as for ``clock: solar``.
 
         The tuple is empty for any other field.
         """
@@ -78,7 +77,7 @@ class Block(BaseModel):
 def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Block]]:
     """Return the possible classes of the block at a location within another block.
 
-    The location contains keys, list positions and tags of unions, such as ``solar``, as reported by pydantic.
+    The location, as reported by pydantic, contains keys, list positions and union tags such as ``solar``.
     """
     candidates = [block]
     for part in location:
@@ -109,7 +108,7 @@ def blocks_in(annotation: Any) -> Iterator[type[Block]]:
 
 
 def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
-    """Yield a problem for each validation error of `source.data`, except for errors caused by other errors."""
+    """Yield a problem for each validation error of `source.data`, except for those caused by other errors."""
     errors = [(details, *_located(details, source.data)) for details in error.errors(include_url=False)]
     extra = [(details, path) for details, path, _ in errors if details["type"] == "extra_forbidden"]
     unknown = {path: _meant(details, block) for details, path in extra[: MAX_FAULTS + 1]}
@@ -191,7 +190,7 @@ def _meant(details: ErrorDetails, block: type[Block]) -> tuple[str, str]:
 
 
 class Receiver(Block):
-    """Aim point of all heliostats on the tower."""
+    """Aim point on the tower, common to all heliostats."""
 
     height: Annotated[
         float | Sweep,
@@ -203,7 +202,7 @@ class Receiver(Block):
 
 
 def _side(side: str) -> Quantity:
-    description = f"{side.title()} of the mirror; omit it to use the column '{side}' of the layout"
+    description = f"{side.title()} of the mirror; omit it to use the layout column '{side}'"
     return Quantity(description, "m", gt=0, dimension=f"heliostat_{side}", title=f"mirror {side}")
 
 
@@ -215,15 +214,15 @@ class Heliostat(Block):
     pivot_height: Annotated[
         float | Sweep | None,
         Quantity(
-            "Height of the mirror centre above the heliostat's base, which is z of the layout (default: the column "
-            "'pivot_height' of the layout); 0 if z is the height of the centre",
+            "Height of the mirror centre above the heliostat's base, whose height is z in the layout (default: the "
+            "layout column 'pivot_height'); 0 if z is the height of the mirror centre",
             "m", ge=0, title="height of the mirror centre above the heliostat's base",
         ),
     ] = None  # fmt: skip
 
 
 class Output(Block):
-    """Stored variables and their format, which are not part of the study's identity."""
+    """Stored variables and file format. These keys are not part of the study's identity."""
 
     #: Flags that add scalar results, with one number for each point. A search enables these flags.
     OF_POINTS: ClassVar[tuple[str, ...]] = ()
@@ -237,7 +236,7 @@ class Output(Block):
         str,
         Choice(
             "Compression of the time series",
-            {"none": "fastest", "zlib": "smaller"},
+            {"none": "fastest", "zlib": "smaller file"},
             sweep=False,
         ),
     ] = "none"
@@ -249,7 +248,7 @@ class Output(Block):
     @model_validator(mode="before")
     @classmethod
     def _read_zarr(cls, data: Any) -> Any:
-        """Replace the format ``zarr`` of version 0.1 by ``netcdf``, because Zarr files are no longer written."""
+        """Replace the ``zarr`` format of version 0.1 by ``netcdf``, because Zarr files are no longer written."""
         if not isinstance(data, dict) or data.get("format") != "zarr":
             return data
         log.warning(
@@ -268,12 +267,12 @@ class Output(Block):
 class Published(Block):
     """Published numbers for comparison with the result."""
 
-    file: Annotated[str, FileName("CSV table of the published numbers", sweep=False)]
-    source: Annotated[str, Text("Publication of the numbers")]
+    file: Annotated[str, FileName("CSV table of published numbers", sweep=False)]
+    source: Annotated[str, Text("Publication that contains the numbers")]
 
 
 class Report(Block):
-    """Contents of the report in addition to the figures of the result."""
+    """Report contents in addition to the figures of the result."""
 
     published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
 
@@ -298,16 +297,16 @@ class Scheduler(Choice):
 
 
 class Execution(Block):
-    """Computing settings of a run, which do not affect the numbers of its result."""
+    """Computing settings of a run. These settings do not affect the numerical results."""
 
     scheduler: Annotated[
         str,
         Scheduler(
-            "Engine of the run, or the address tcp://HOST:PORT or tls://HOST:PORT of a dask scheduler",
+            "Scheduler of the run, or the address tcp://HOST:PORT or tls://HOST:PORT of a dask scheduler",
             {
                 "threads": "threads of this process",
                 "processes": "worker processes",
-                "synchronous": "one by one",
+                "synchronous": "one chunk at a time",
                 "distributed": "worker processes that are restarted after a crash, with a dashboard, or the workers "
                 "of `cluster`",
             },
@@ -321,22 +320,22 @@ class Execution(Block):
         str,
         Choice(
             "Processor for ray tracing",
-            {"cpu": "cores of the processor", "cuda": "an NVIDIA graphics processor, for rays; needs heliosweep[gpu]"},
+            {"cpu": "CPU cores", "cuda": "an NVIDIA GPU, which requires heliosweep[gpu]"},
             sweep=False,
         ),
     ] = "cpu"
     memory: Annotated[
         int | None,
-        Quantity("Memory limit of the run (default: a part of the free memory)", "B", gt=0, integer=True, sweep=False),
+        Quantity("Memory limit (default: 80 % of the available memory)", "B", gt=0, integer=True, sweep=False),
     ] = None
     chunks: Annotated[
-        dict[str, Annotated[int, Quantity("Size of a chunk", "1", ge=1, integer=True, sweep=False)]],
-        Field(description="Sizes of chunks along named dimensions (default: chosen by the plan)"),
+        dict[str, Annotated[int, Quantity("Chunk size", "1", ge=1, integer=True, sweep=False)]],
+        Field(description="Chunk sizes by dimension (default: chosen by the plan)"),
     ] = Field(default_factory=dict)
     cluster: Annotated[
         dict[str, Any] | None,
-        Field(description=("Cluster of `scheduler: distributed`: `class`, such as dask_jobqueue.SLURMCluster, and "
-                          "its keywords (default: processes of this machine)")),
+        Field(description=("Cluster for `scheduler: distributed`: `class`, such as dask_jobqueue.SLURMCluster, and "
+                          "its keyword arguments (default: processes on this machine)")),
     ] = None  # fmt: skip
 
     @model_validator(mode="before")
@@ -373,7 +372,7 @@ OWN = "LicenseRef-"
 
 
 def _matched(expression: str, example: str, raw: Any) -> str:
-    """Return the matched text, or the text in the group of the expression. Raises Invalid if there is no match."""
+    """Return the text that matches the expression, or the text in its group. Raises Invalid if there is no match."""
     match = re.fullmatch(expression, free_text(raw).strip())
     if match is None:
         raise Invalid(f"must be {example}")

@@ -1,4 +1,4 @@
-"""Faults of values, independent of their positions in a file.
+"""Faults in values, independent of where the values are in a file.
 
 Functions that read values raise :class:`Invalid`. The module :mod:`heliosweep.config.load` converts the faults to
 problems with a position in the file.
@@ -19,7 +19,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 #: Maximum number of reported faults in one list.
 MAX_FAULTS = 100
 
-#: Terms of other programs and of the literature that users may write instead of a key, with hints to the correct key.
+#: Terms from other programs and the literature that users may write instead of a key, with hints about the correct key.
 SYNONYMS = {
     **dict.fromkeys(
         ("slurm", "pbs", "sge", "lsf", "oar", "htcondor"),
@@ -30,24 +30,24 @@ SYNONYMS = {
     "external": "an external receiver is 'kind: cylinder'",
     "facing": "the direction that the receiver faces is 'receiver.azimuth', clockwise from north",
     "orientation": "the direction that the receiver faces is 'receiver.azimuth', clockwise from north",
-    "emissivity": "give the losses by radiation and convection in 'receiver.thermal_losses'",
+    "emissivity": "give the radiation and convection losses in 'receiver.thermal_losses'",
     **dict.fromkeys(("cost", "costs"), "costs are in the block 'economics'"),
     "tower_height": "give 'receiver.height', the height of the aim point above the tower's base",
     "tower": "give 'receiver.height', the height of the aim point above the tower's base",
     "reflectance": "give 'optics.reflectivity'",
     "slope": "give 'optics.slope_error', in mrad",
-    "pixel": "sizes of cameras are in 'camera'; spots are given in metres",
+    "pixel": "camera sizes are in 'camera'; spots are given in metres",
     "dni": "direct irradiance comes from 'weather', or from 'design_point.dni' for one instant",
     "haurwitz": "the model haurwitz gives only the global irradiance, not the direct irradiance",
     "related": "list publications in 'references'",
     "contact": "give the 'email' of a creator",
-    "frames": "give one 'image', such as the median of images of the sun shifted to a common centre",
+    "frames": "give one 'image', such as the median of sun images that are shifted to a common centre",
     "sweep": "give a list or a range instead of a value to sweep a key: [15, 30] or {start: 15, stop: 60, num: 4}",
     "optimise": "use the block 'search' to find the best point",
     "optimize": "use the block 'search' to find the best point",
 }
 
-#: The numbers 0 to 4 in words.
+#: The numbers 0 to 4 as words.
 COUNTS = ("no", "one", "two", "three", "four")
 
 T = TypeVar("T")
@@ -58,7 +58,7 @@ Path = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Fault:
-    """Fault of a value, or of a part of the value.
+    """Fault in a value, or in part of a value.
 
     Parameters
     ----------
@@ -86,11 +86,11 @@ class Invalid(ValueError):
 
 
 class Faults(list[Fault]):
-    """List of faults that are raised in one error."""
+    """List of faults to be raised as one error."""
 
     @contextmanager
     def under(self, *place: str | int) -> Iterator[None]:
-        """Collect the faults that are raised during reading of the part at `place`."""
+        """Collect the faults that are raised while the part at `place` is read."""
         try:
             yield
         except Invalid as error:
@@ -158,7 +158,7 @@ def few_of(values: Iterable[object]) -> str:
 
 
 def in_short(text: str) -> str:
-    """Shorten a text to one line of at most 60 characters, and escape control characters."""
+    """Shorten text to one line of at most 60 characters, and escape control characters."""
     text = "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text[:100])
     return text if len(text) <= 60 else f"{text[:57]}..."
 

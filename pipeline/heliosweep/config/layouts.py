@@ -1,4 +1,4 @@
-"""The block `layout` of a study file: a table of positions, or a generator and its ground."""
+"""The `layout` block of a study file: a table of positions, or a generator with its ground data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from heliosweep.config.values import Choice, FileName, Numbers, Quantity, Sweep
 
 #: Keys of the layout generators.
 GENERATORS = ("radial_stagger", "spiral", "rows")
-#: Keys for the source of the heliostat positions. A layout has exactly one of these keys.
+#: Keys that specify the heliostat positions. A layout has exactly one of these keys.
 SOURCES = ("file", "table", *GENERATORS)
 #: Keys that describe the ground of a generated layout.
 GROUND = ("sectors", "boundary", "exclude", "margin", "terrain")
@@ -32,14 +32,14 @@ def _azimuth(description: str, dimension: str, title: str) -> Quantity:
 
 
 class Zone(Block):
-    """Rings of a field with a common angular pitch."""
+    """Consecutive rings of a field with a common angular pitch."""
 
     start: Annotated[float, Quantity("Radius of the first ring", "m", gt=0, sweep=False)]
     rings: Annotated[int, Quantity("Number of rings", "1", ge=1, integer=True, sweep=False)]
     pitch: Annotated[
         float | None,
         Quantity(
-            "Angle between neighbours of a ring (default: the angle for a distance of one clearance)",
+            "Angle between neighbours in a ring (default: the angle at which neighbours are one clearance apart)",
             "deg", gt=0, le=180, sweep=False,
         ),
     ] = None  # fmt: skip
@@ -96,7 +96,7 @@ class Spiral(Block):
     ]
     b: Annotated[
         float | Sweep,
-        Quantity("Exponent of the radius: 0.5 for a uniform density, more for a density that decreases with the "
+        Quantity("Exponent of the radius: 0.5 for a uniform density, larger for a density that decreases with "
                  "distance", "1", gt=0, le=2, dimension="spiral_b", title="exponent b of the spiral"),
     ]  # fmt: skip
     inner_radius: _InnerRadius
@@ -108,8 +108,8 @@ class Rows(Block):
 
     spacing: Annotated[
         float | Sweep,
-        Quantity("Distance between neighbours of a row", "m", gt=0, dimension="row_spacing",
-                 title="distance between neighbours of a row"),
+        Quantity("Distance between neighbours in a row", "m", gt=0, dimension="row_spacing",
+                 title="distance between neighbours in a row"),
     ]  # fmt: skip
     distance: Annotated[
         float | Sweep,
@@ -127,7 +127,7 @@ class Rows(Block):
             "Arrangement of the rows",
             {
                 "staggered": "each row is shifted by half a spacing relative to the next",
-                "straight": "heliostats of all rows are aligned",
+                "straight": "the heliostats in all rows are aligned",
             },
             title="pattern of the rows",
         ),
@@ -145,7 +145,8 @@ class Sector(Block):
     ]  # fmt: skip
     width: Annotated[
         float | Sweep,
-        Quantity("Angle of the whole sector, half on either side", "deg", gt=0, le=360, dimension="sector_width",
+        Quantity("Full width of the sector, half on either side of the middle", "deg", gt=0, le=360,
+                 dimension="sector_width",
                  title="width of the sector"),
     ]  # fmt: skip
 
@@ -155,16 +156,16 @@ class Terrain(Block):
 
     file: Annotated[
         str | None,
-        FileName("NetCDF or GeoTIFF grid of heights over x and y, in m east and north of the tower", sweep=False),
+        FileName("NetCDF or GeoTIFF grid of heights; x and y are in m east and north of the tower", sweep=False),
     ] = None
     slope: Annotated[
         float | Sweep | None,
-        Quantity("Slope of plane ground, instead of a grid of heights", "deg", ge=0, le=45, dimension="terrain_slope",
+        Quantity("Slope of plane ground, instead of a height grid", "deg", ge=0, le=45, dimension="terrain_slope",
                  title="slope of the ground"),
     ] = None  # fmt: skip
     azimuth: Annotated[
         float | Sweep | None,
-        _azimuth("Azimuth towards which plane ground falls, clockwise from north", "terrain_azimuth",
+        _azimuth("Azimuth towards which the ground falls, clockwise from north", "terrain_azimuth",
                  "azimuth towards which the ground falls"),
     ] = None  # fmt: skip
 
@@ -182,12 +183,12 @@ class Layout(Block):
 
     file: Annotated[
         str | Sweep | None,
-        FileName("CSV table of heliostats: columns x, y and optional z in m, properties of heliostats and labels; a "
-                 "file pattern such as layouts/*.csv defines a sweep", dimension="layout"),
+        FileName("CSV table of heliostats with the columns x, y and optionally z, all in m, and with heliostat "
+                 "properties and labels; a file pattern such as layouts/*.csv defines a sweep", dimension="layout"),
     ] = None  # fmt: skip
     table: Annotated[
         dict[str, tuple[Any, ...]] | None,
-        Field(description="Columns of the layout table by name, as lists: x, y and others", min_length=1),
+        Field(description="Layout table: column names (x, y and others), each with a list of values", min_length=1),
     ] = None
     radial_stagger: Annotated[RadialStagger | None, Field(description="Rings around the tower")] = None
     spiral: Annotated[Spiral | None, Field(description="Phyllotaxis spiral around the tower")] = None
@@ -198,13 +199,11 @@ class Layout(Block):
     ] = None
     boundary: Annotated[
         str | Sweep | None,
-        FileName(
-            "Polygons that must contain the heliostat centres, as GeoJSON or WKT, in m east and north of the tower"
-        ),
+        FileName("GeoJSON or WKT polygons that must contain the heliostat centres, in m east and north of the tower"),
     ] = None
     exclude: Annotated[
         str | Sweep | None,
-        FileName("Polygons that must not contain heliostat centres, such as roads, in the formats of 'boundary'"),
+        FileName("Polygons, such as roads, that must not contain heliostat centres, in the same form as 'boundary'"),
     ] = None
     margin: Annotated[
         float | Sweep | None,
@@ -224,7 +223,7 @@ class Layout(Block):
     @model_validator(mode="before")
     @classmethod
     def _columns_as_table(cls, data: Any) -> Any:
-        """Convert columns with any titles to the table of the layout, as in ``layout: {x: [...], y: [...]}``."""
+        """Convert columns given directly in the block, as in ``layout: {x: [...], y: [...]}``, to a layout table."""
         if not isinstance(data, dict) or {*SOURCES} & {*data}:
             return data
         known = {key: value for key, value in data.items() if key in cls.model_fields}

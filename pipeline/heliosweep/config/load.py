@@ -120,7 +120,7 @@ def settings(texts: Iterable[str]) -> dict[str, Any]:
 
 
 def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Check and return keys of the block `execution`. Strings are parsed like values in a study file.
+    """Check and return keys of the `execution` block. Strings are parsed like values in a study file.
 
     Messages begin with `prefix` and the key. Raises a StudyError that lists all problems.
     """
@@ -136,7 +136,7 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
 
 
 def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
-    """Yield the path of the key and the file name, for each file name in the data of a study."""
+    """For each file in the data of a study, yield the path of the key and the file name."""
     blocks = blocks_at(study_class, path)
     if isinstance(data, str) and isinstance(path[-1], int):  # a file name instead of a block
         listed = any(path[-2] in block.model_fields for block in blocks_at(study_class, path[:-2]))
@@ -155,7 +155,7 @@ def _entries(data: Any) -> Iterable[tuple[Any, Any]]:
 
 
 def with_patterns(source: Source, study_class: type[Study]) -> Source:
-    """Replace patterns such as ``layouts/*.csv`` and folders of layouts by lists of files."""
+    """Replace patterns such as ``layouts/*.csv`` and layout folders by lists of files."""
     source = replace(source, data=copy.deepcopy(source.data))
     for (*outer, key), name in list(file_names(study_class, source.data)):
         path = source.directory / name
@@ -203,7 +203,7 @@ def load(
     path : path
         The study file.
     registry : mapping of str to type of Study
-        Study class of each family, by the name of the family.
+        Study class of each family, by family name.
     changes, named
         Values by dotted key, and the text for messages about these values; see `changed`.
     check : bool
@@ -228,7 +228,7 @@ def load_mapping(
     """Create a study from a mapping. Relative file names start at the working directory.
 
     The mapping has the structure of a study file (see :func:`load`). Values may also be ranges, dates, paths, and
-    arrays or numbers of NumPy, pandas and xarray.
+    arrays or numbers from NumPy, pandas and xarray.
 
     Raises
     ------
@@ -308,7 +308,7 @@ def _shared_dimensions(study: Study) -> Iterator[Problem]:
     first: dict[str, str] = {}
     for key, name in study.dimension_names().items():
         if first.setdefault(name, key) != key:
-            yield study.problem(key, f"would have the dimension '{name}' of the result with {first[name]}")
+            yield study.problem(key, f"would share the result dimension '{name}' with {first[name]}")
 
 
 def _zip_problems(study: Study) -> Iterator[Problem]:
@@ -336,7 +336,7 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
 
 
 def _repeats(study: Study) -> Iterator[Problem]:
-    """Yield a problem for each swept dimension that has equal values of all its keys at two points."""
+    """Yield a problem for each swept dimension along which all keys have equal values at two points."""
     for dim in study.dimensions():
         lists = {key: sweep.items() for key, sweep in dim.sweeps.items() if sweep.form is None}
         if len(lists) < len(dim.sweeps):
@@ -350,7 +350,7 @@ def _repeats(study: Study) -> Iterator[Problem]:
 
 
 def _same_files(study: Study) -> Iterator[Problem]:
-    """Yield a problem for each file that a list contains under two names, which would be equal in a saved study."""
+    """Yield a problem for each file that a list contains under two names; a saved study has one name per file."""
     for key, names in study.files().items():
         places = [(os.path.realpath(path.parent), path.name) for path in map(study.resolve, names)]
         for position, place in enumerate(places):

@@ -1,4 +1,4 @@
-"""Define the block `sample`, and compute the design of the draws as points in the unit cube.
+"""Define the `sample` block, and compute the design of the draws as points in the unit cube.
 
 A design has one row for each draw and one column for each drawn key. In the designs `sobol` and `random`, draw k
 depends only on the seed and on k. A shorter sample is therefore equal to the first draws of a longer sample. Draw k of
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from heliosweep.errors import Problem
 
 
-#: Number of Sobol sequences of a sample.
+#: Number of Sobol sequences in a sample.
 REPLICATES = 8
 SOBOL, LATIN, RANDOM = "sobol", "latin_hypercube", "random"
 MORRIS, LOCAL = "morris", "local"
@@ -166,14 +166,15 @@ class Sample(Block):
 
     size: Annotated[
         int | None,
-        Quantity("Number of draws; of base points with 'sensitivity: sobol', of trajectories with 'morris'", "1",
+        Quantity("Number of draws; with 'sensitivity: sobol', number of base points; with 'morris', number of "
+                 "trajectories", "1",
                  ge=2, le=MAX_SIZE, integer=True, sweep=False),
     ] = None  # fmt: skip
     seed: Annotated[int, Quantity("Seed of all draws", "1", ge=0, le=MAX_SEED, integer=True, sweep=False)] = 0
     design: Annotated[
         str,
         Choice(
-            "Arrangement of the draws in the ranges of the keys",
+            "Sampling design of the draws",
             {
                 SOBOL: "eight independently scrambled Sobol sequences; the most accurate",
                 LATIN: "one draw in each stratum of each key, with one stratum per draw; a longer sample does not "
@@ -204,11 +205,11 @@ class Sample(Block):
             ],
             ...,
         ],
-        Field(description="Correlation of normal deviates of two drawn keys (Gaussian copula): [key, key, number]"),
+        Field(description="Correlations of normal deviates of two drawn keys (Gaussian copula), as [key, key, number]"),
     ] = ()
     groups: Annotated[
         dict[str, tuple[Annotated[str, Text("Key")], ...]],
-        Field(description="Groups of drawn keys with a common sensitivity, by name of the group"),
+        Field(description="Groups of drawn keys with a common sensitivity, by group name"),
     ] = {}  # noqa: RUF012
     statistics: Annotated[SampleStatistics, Field(description="Stored statistics of the draws")] = SampleStatistics()
 
@@ -299,7 +300,8 @@ def _group_problems(study: Study, sample: Sample, columns: Mapping[str, str]) ->
 def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | None:
     """Return the rows of the Cholesky factor of the correlation matrix of the keys.
 
-    The tuple is empty if the study gives no correlation. The result is None if the matrix is not positive definite.
+    The tuple is empty if the study specifies no correlations. The result is None if the matrix is not positive
+    definite.
     """
     matrix = np.eye(len(keys))
     for first, second, correlation in sample.correlation:

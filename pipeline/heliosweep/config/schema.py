@@ -15,7 +15,7 @@ from heliosweep.config.values import Numbers, Parameter, Samples, Schema
 
 
 def json_schema(study_class: type[Study]) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a family's study files for text editors, with units and descriptions.
+    """Return the JSON Schema (draft 2020-12) of a family's study files, with units and descriptions, for text editors.
 
     The schema requires no key, because searches and included files may supply keys. `load` reports missing keys.
     """
@@ -59,7 +59,7 @@ class Key:
     sampled : bool
         True if the values are instants over which results are averaged.
     only : str
-        Kinds of the block that have this key; empty if all kinds have the key.
+        Kinds of block that have this key; empty if all kinds have the key.
     """
 
     name: str
@@ -153,7 +153,7 @@ def _number(value: float, unit: str = "") -> str:
 
 
 def _form_text(form: Schema, unit: str = "") -> str:
-    """Describe a part of a JSON Schema in words. Returns an empty string for a number with a unit."""
+    """Describe part of a JSON Schema in words. Returns an empty string for a number with a unit."""
     kind = form.get("type")
     if names := form.get("enum", [form["const"]] if "const" in form else []):
         return ", ".join(f"`{name}`" for name in names)

@@ -1,4 +1,4 @@
-"""The block `search` of a study file: goals, searched keys and number of evaluations."""
+"""The `search` block of a study file: objectives, searched keys and number of evaluations."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Limit(Block):
 
 
 class Search(Block):
-    """Search for the best point of a study. Each evaluation has different values of the searched keys."""
+    """Search for the best point of a study. Each evaluation uses different values of the searched keys."""
 
     maximise: Annotated[tuple[str, ...], Results("One or two results to maximise")] = ()
     minimise: Annotated[tuple[str, ...], Results("One or two results to minimise")] = ()
@@ -105,7 +105,7 @@ class Search(Block):
     ] = 0  # fmt: skip
     subject_to: Annotated[
         dict[str, Limit],
-        Field(description="Results with bounds, given by 'at_least' or 'at_most' for each result"),
+        Field(description="Bounds on results: 'at_least', 'at_most' or both for each result"),
     ] = Field(default_factory=dict)
 
     def rules(self) -> Iterator[Fault]:

@@ -39,7 +39,7 @@ _ALTITUDE = Quantity(
 _TIMEZONE = TimeZone(
     "Time zone: an offset such as +08:00, or an IANA name; needed for the civil clock if 'time' has no time zone"
 )  # fmt: skip
-_FILE = FileName("EPW, TMY3 or PSM weather file whose header gives the omitted keys", sweep=False)
+_FILE = FileName("EPW, TMY3 or PSM weather file whose header supplies the omitted keys", sweep=False)
 
 
 class Site(Block):
@@ -55,7 +55,7 @@ class Site(Block):
 class NamedSite(Block):
     """One of several sites."""
 
-    name: Annotated[str, Text("Name of the site, which is its label in the result")]
+    name: Annotated[str, Text("Name of the site, used as its label in the result")]
     latitude: Annotated[float, replace(_LATITUDE, sweep=False)]
     longitude: Annotated[float | None, replace(_LONGITUDE, sweep=False)] = None
     altitude: Annotated[float, replace(_ALTITUDE, sweep=False)] = 0.0
@@ -108,20 +108,20 @@ Sites = Annotated[
 
 
 def _of(model: str, title: str, default: str, unit: str, low: float, high: float) -> Quantity:
-    description = f"{title[0].upper()}{title[1:]}, for {model}; by default {default}"
+    description = f"{title[0].upper()}{title[1:]} for the model {model} (default: {default})"
     return Quantity(description, unit, ge=low, le=high, title=title)
 
 
 class ClearSky(Block):
-    """Irradiance of a cloudless sky."""
+    """Irradiance under a cloudless sky."""
 
     model: Annotated[
         str | Sweep,
         Choice(
             "Clear-sky model",
             {
-                "ineichen": "Ineichen and Perez (2002), by Linke turbidity",
-                "simplified_solis": "Ineichen (2008), by aerosol optical depth and precipitable water",
+                "ineichen": "Ineichen and Perez (2002), from the Linke turbidity",
+                "simplified_solis": "Ineichen (2008), from the aerosol optical depth and precipitable water",
                 "meinel": "Meinel and Meinel (1976): 1367 * 0.7^(AM^0.678) W/m2, with the air mass AM",
                 "ashrae": "ASHRAE (1972): A exp(-B / sin(elevation)), with A and B for each month",
             },
@@ -131,7 +131,7 @@ class ClearSky(Block):
     ]
     linke_turbidity: Annotated[
         float | Sweep | None,
-        _of("ineichen", "Linke turbidity", "the value for the site and date in pvlib's table", "1", 1, 20),
+        _of("ineichen", "Linke turbidity", "the value in pvlib's table for the site and date", "1", 1, 20),
     ] = None
     aerosol_optical_depth: Annotated[
         float | Sweep | None,
@@ -155,12 +155,12 @@ KEYS_OF = {
     "aerosol_optical_depth": "simplified_solis",
     "precipitable_water": "simplified_solis",
 }
-#: Dimensions of the swept keys of `weather` and `limits`.
+#: Dimensions of swept keys in the blocks `weather` and `limits`.
 DIMENSIONS = ("weather", "clear_sky_model", *KEYS_OF, "dni_limit", "sun_elevation_limit", "wind_speed_limit")
 
 
 class Weather(Block):
-    """Direct normal irradiance: a weather file, or a clear sky."""
+    """Source of the direct normal irradiance: a weather file or a clear-sky model."""
 
     file: Annotated[
         str | Sweep | None,
@@ -175,7 +175,7 @@ class Weather(Block):
         str | None,
         Choice(
             "Part of the interval to which the time of a row refers (default: the convention of the format)",
-            {"start": "the start of the interval", "middle": "its middle", "end": "its end"},
+            {"start": "start of the interval", "middle": "middle of the interval", "end": "end of the interval"},
             sweep=False,
         ),
     ] = None
@@ -198,12 +198,14 @@ class Weather(Block):
     dni_factor: Annotated[
         float | Sweep | None,
         Quantity((
-            "Factor on the direct normal irradiance, for example for the variation between years or for a sensor "
-            "error (default: 1)"
+            "Factor applied to the direct normal irradiance, for example to represent interannual variation or a "
+            "sensor error (default: 1)"
         ),
                  "1", gt=0, le=2, title="factor on the direct normal irradiance"),
     ] = None  # fmt: skip
-    clear_sky: Annotated[ClearSky | None, Field(description="A cloudless sky, with 'clock: civil'")] = None
+    clear_sky: Annotated[
+        ClearSky | None, Field(description="Clear-sky model instead of a file; requires 'clock: civil'")
+    ] = None
 
     def rules(self) -> Iterator[Fault]:
         """Check that either a file or a clear sky is given, but not both."""
@@ -231,8 +233,8 @@ class Limits(Block):
     ] = None  # fmt: skip
     wind_speed: Annotated[
         float | Sweep | None,
-        Quantity("Maximum wind speed; the field operates if the wind speed is unknown", "m/s", gt=0, le=100,
-                 dimension="wind_speed_limit", title="largest wind speed"),
+        Quantity("Maximum wind speed; the field also operates if the wind speed is unknown", "m/s", gt=0, le=100,
+                 dimension="wind_speed_limit", title="maximum wind speed"),
     ] = None  # fmt: skip
 
 
@@ -305,7 +307,7 @@ def with_sites(study: Study) -> Study:
 
 
 def civil_clock_problems(study: Study) -> Iterator[Problem]:
-    """Yield a problem for each site that has no longitude, or no time zone for the civil clock."""
+    """Yield a problem for each site without a longitude, and a problem if the civil clock has no time zone."""
     single: Any = getattr(study, "site", None)
     places = [("site", single)] if single is not None else []
     places += [(f"sites[{number}]", site) for number, site in enumerate(site_table(study))]
@@ -320,7 +322,7 @@ def civil_clock_problems(study: Study) -> Iterator[Problem]:
 def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
     """Replace weather files in the sites of a study by the site data in their headers.
 
-    Problems with weather files are added to `problems`. A dummy site replaces each weather file with problems.
+    Problems with weather files are added to `problems`. A dummy site replaces each invalid weather file.
     """
     site, sites = source.data.get("site"), source.data.get("sites")
     new: dict[str, Any] = {}
@@ -336,7 +338,7 @@ def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
 
 
 def _filled(source: Source, entry: Any, place: Path, problems: list[Problem]) -> Any:
-    """Return the site in the header of the entry's weather file. Keys of the entry replace data of the header."""
+    """Return the site data in the header of an entry's weather file. Keys of the entry override the header data."""
     if not (isinstance(entry, dict) and "file" in entry):
         return entry
     # Use a dummy site, so that no further problems are reported.

@@ -97,7 +97,7 @@ class Source:
         return tuple(path)
 
     def problem(self, path: Path, message: str, *, at_key: bool = False) -> Problem:
-        """Return a problem at the position of the value of `path` or, with `at_key`, of the key.
+        """Return a problem at the position of the value at `path`, or of its key if `at_key` is True.
 
         If the file has no such path, the problem is located at the nearest enclosing key.
         """
@@ -141,7 +141,7 @@ def text_of(path: pathlib.Path, name: str, most_bytes: int = 64 * 2**20, *, old:
             problem = f"is larger than {most_bytes // 2**20} MiB: check that it is the right file"
         else:
             data = path.read_bytes()
-            wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text" of Excel
+            wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # the "Unicode text" format of Excel
             text = data.decode("utf-16" if wide else "utf-8-sig")
     except FileNotFoundError:
         whole = path.with_name(f"{path.name}.yaml")
@@ -164,8 +164,8 @@ def text_of(path: pathlib.Path, name: str, most_bytes: int = 64 * 2**20, *, old:
 def from_python(value: Any) -> Any:
     """Convert the values of a study built in Python to plain data, as read from a study file.
 
-    Arrays become lists, numbers of NumPy become Python numbers, ranges and tables of pandas become mappings, and paths
-    become strings. Other values are returned unchanged.
+    Arrays become lists, NumPy numbers become Python numbers, ranges and pandas tables become mappings, and paths become
+    strings. Other values are returned unchanged.
     """
     if isinstance(value, Mapping):
         # Keys in a file are strings: {2: [0, -1]} has the key '2'.

@@ -51,7 +51,7 @@ class Dimension:
 
 
 class Study(Block):
-    """A validated study. A family derives a class, sets `family` to ``Literal["its name"]`` and adds blocks."""
+    """A validated study. Each family derives a class that sets `family` to ``Literal["its name"]`` and adds blocks."""
 
     #: Keys that do not affect the numbers of a result and are therefore not part of the study's identity.
     DOES_NOT_MATTER: ClassVar = ("title", "description", "references", "dataset", "execution", "output", "report")
@@ -59,7 +59,7 @@ class Study(Block):
     family: Annotated[str, Text("Name of the study family")]
     include: Annotated[
         str | None,
-        FileName("Study file that this file extends: keys of this file replace or extend its keys", sweep=False),
+        FileName("Study file that this file extends; keys in this file override or extend its keys", sweep=False),
     ] = None
     title: Annotated[str, Text("Title of the study, shown in results and reports")] = ""
     description: Annotated[str, Text("Purpose of the study, in a few sentences")] = ""
@@ -68,7 +68,7 @@ class Study(Block):
     ] = ()
     zip: Annotated[
         tuple[tuple[Annotated[str, Text("Key")], ...], ...],
-        Field(description="Groups of swept keys that vary together on one dimension instead of as a product"),
+        Field(description="Groups of swept keys that vary together along one dimension instead of forming a product"),
     ] = ()
     sample: Annotated[
         Sample | None,
@@ -78,7 +78,7 @@ class Study(Block):
         Search | None, Field(description="Search for the best point instead of a sweep: objectives and searched keys")
     ] = None
     dataset: Annotated[Dataset | None, Field(description="Authors and licence of the data set")] = None
-    execution: Annotated[Execution, Field(description="Engine of the run")] = Execution()
+    execution: Annotated[Execution, Field(description="Computing settings of the run")] = Execution()
     output: Annotated[Output, Field(description="Stored results and their format")] = Output()
     report: Annotated[Report, Field(description="Contents of the report")] = Report()
 
@@ -365,7 +365,7 @@ def yaml_text(content: Mapping[str, Any]) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML writer for the strict reader: no aliases, and quotes around strings that look like numbers."""
+    """YAML writer for the strict reader, without aliases and with quotes around strings that look like numbers."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

@@ -1,4 +1,4 @@
-"""Read CSV tables of a study: columns as arrays, and problems with line and column.
+"""Read the columns of a study's CSV tables as arrays, and report problems with line and column.
 
 A table is a text file in UTF-8 or, with a byte-order mark, in UTF-16. The first row is a header. Cells are separated by
 commas, semicolons or tabs. With semicolons or tabs, numbers may have decimal commas. Empty lines and comments are
@@ -209,7 +209,8 @@ class Table:
     name : str
         Name of the file in messages.
     lines : tuple of list
-        Numbers (counted from 1) and texts of the lines that are neither empty nor comments. The first is the header.
+        Numbers (counted from 1) and texts of the lines that are neither empty nor comments. The first line is the
+        header.
     rows, needs : str
         Words for messages: a noun for the rows, and the required contents of the file.
     most_rows : int, optional
@@ -309,7 +310,7 @@ class Table:
                 self.add(f"is in {said!r}; {key} must be in {wanted}", HEADER, position)
 
     def check_rows(self) -> None:
-        """Record and drop rows whose number of cells differs from the header, then raise all problems."""
+        """Raise the problems found so far, then record and drop each row with more or fewer cells than the header."""
         if not self._rows:
             self.add(f"has a header but no {self._what}: give one row for each")
         self.finish()
@@ -464,7 +465,7 @@ def table_lines(text: str) -> tuple[list[int], list[str]]:
 
 
 def numbers(texts: Sequence[str]) -> NDArray[np.float64]:
-    """Convert strings to numbers. The result is NaN or infinity if a string is not a number."""
+    """Convert strings to numbers. Other strings become NaN, and numbers that overflow become infinite."""
     form = re.compile(r"\s*[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\s*")
     return np.array([float(text) if form.fullmatch(text) else np.nan for text in texts], float)
 
@@ -477,7 +478,7 @@ _COLUMNS = {
 
 
 class SunProfile(NamedTuple):
-    """Brightness profile of the sun, as given in the file."""
+    """Radial brightness profile of the sun, as given in a file."""
 
     #: Angles from the disc centre, increasing from 0. [rad]
     angle: tuple[float, ...]

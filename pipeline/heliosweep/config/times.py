@@ -1,4 +1,4 @@
-"""The block `time`: instants on the solar, civil or weather clock, or directions of the sun; time zones.
+"""The `time` block (instants on the solar, civil or weather clock, or sun directions), and time zone conversions.
 
 The package `tzdata` supplies all named time zones. Time zone files of the operating system are not used, because they
 differ between machines.
@@ -49,7 +49,7 @@ def zone_names() -> frozenset[str]:
 
 
 def parse_timezone(timezone: str) -> dt.tzinfo:
-    """Return the time zone of an offset such as ``+08:00`` or of a name such as ``Asia/Shanghai``."""
+    """Return the time zone for an offset such as ``+08:00`` or a name such as ``Asia/Shanghai``."""
     if match := OFFSET.fullmatch(timezone):
         offset = dt.timedelta(hours=int(match[1]), minutes=int(match[2]))
         return dt.timezone(-offset if timezone[0] == "-" else offset)
@@ -57,7 +57,7 @@ def parse_timezone(timezone: str) -> dt.tzinfo:
 
 
 def offset_text(hours: float) -> str:
-    """Format an offset from universal time, given in hours, such as ``+05:30``."""
+    """Format an offset from universal time [h] as text such as ``+05:30``."""
     minutes = round(abs(hours) * 60)
     return f"{'-' if hours < 0 else '+'}{minutes // 60:02}:{minutes % 60:02}"
 
@@ -150,7 +150,8 @@ Sampling = Annotated[
         sweep=False,
     ),
 ]
-#: First and last year of dates. Nanosecond timestamps and the accuracy of sun positions limit the range.
+#: First and last year in which dates are allowed. Nanosecond timestamps and the accuracy of sun positions limit the
+#: range.
 FIRST_YEAR, LAST_YEAR = 1700, 2200
 _DAYS = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False)
 
@@ -167,7 +168,7 @@ class SolarTime(Block):
         Samples("Days of the year, 1 = 1 January (default: 1 to 365)", "1", ge=1, le=365, integer=True),
         Field(default_factory=lambda given: None if given.get("declination") else even_range(1.0, 365.0, 365)),
     ]
-    hours: Annotated[Sweep, Samples("Solar hours of each day, 12 = noon", "h", ge=0, le=24)]
+    hours: Annotated[Sweep, Samples("Solar hours on each day, 12 = noon", "h", ge=0, le=24)]
     sampling: Sampling = "inclusive"
 
     def rules(self) -> Iterable[Fault]:
@@ -182,15 +183,15 @@ class SolarTime(Block):
                 yield _uneven(self.sampling, ("hours", "step"))
 
     def day_numbers(self) -> NDArray[np.int64]:
-        """Return the days of the year, 1 to 365, shape (days,); empty if the study gives declinations."""
+        """Return the days of the year, 1 to 365, shape (days,); empty if the study specifies declinations."""
         return np.empty(0, np.int64) if self.days is None else self.days.values().astype(np.int64)
 
     def declinations(self) -> NDArray[np.float64] | None:
-        """Return the declinations [deg], shape (declinations,); None if the study gives days."""
+        """Return the declinations [deg], shape (declinations,); None if the study specifies days."""
         return None if self.declination is None else self.declination.values()
 
     def solar_hours(self) -> NDArray[np.float64]:
-        """Return the solar hours at which a day is sampled [h], shape (hours,)."""
+        """Return the solar hours at which each day is sampled [h], shape (hours,)."""
         if self.sampling == "midpoint":
             return midpoints(self.hours).values()
         return self.hours[:-1] if self.sampling == "left" else self.hours.values()
@@ -213,7 +214,7 @@ class DateList:
         return max(*steps, 0) if len(steps) == 1 else 0
 
     def spec(self) -> Any:
-        """Return the dates in the form of a study file; evenly spaced dates become a range."""
+        """Return the dates as plain data for a study file; evenly spaced dates become a range."""
         ends = {"start": self.items[0], "stop": self.items[-1], "step": self.step}
         return ends if self.step else list(self.items)
 
@@ -281,7 +282,7 @@ TimeZone = partial(Text, form=time_zone)
 
 
 class Window(Block):
-    """Daily window of instants on the wall clock."""
+    """Daily time window on the wall clock."""
 
     start: Annotated[str, WallTime("Wall-clock time at which the window begins, HH:MM")]
     stop: Annotated[str, WallTime("Wall-clock time at which the window ends, HH:MM, at most 24:00")]
@@ -303,7 +304,7 @@ class CivilTime(Block):
         str | None, TimeZone("Time zone of the dates and the window: an offset such as +08:00, or an IANA name")
     ] = None
     dates: Annotated[DateList, Dates("Calendar dates, YYYY-MM-DD; the step of a range is in days")]
-    window: Annotated[Window, Field(description="Part of each date")]
+    window: Annotated[Window, Field(description="Daily time window")]
     sampling: Sampling = "inclusive"
 
     def rules(self) -> Iterable[Fault]:
@@ -339,7 +340,7 @@ class SunDirections(Block):
     elevation: Annotated[
         float | Sweep,
         Quantity(
-            "Elevation of the sun above the horizon; the result is missing if it is not positive", "deg",
+            "Elevation of the sun above the horizon; the result is missing if the elevation is not positive", "deg",
             ge=-90, le=90, repeats=True, dimension="sun_elevation", title="elevation of the sun above the horizon",
             standard_name="solar_elevation_angle",
         ),
@@ -347,7 +348,7 @@ class SunDirections(Block):
 
 
 class WeatherTime(Block):
-    """The intervals of a weather file."""
+    """Intervals of a weather file, used as the instants of the study."""
 
     clock: Literal["weather"]
     months: Annotated[

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from heliosweep.config.sample import Design
 
 
-#: Maximum number of values of a sweep.
+#: Maximum number of values in a sweep.
 MAX_POINTS = 10**6
 _FORMS = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
 _ON_STEP = Decimal("1e-9")  # maximum distance between stop and last step that counts as rounding, in steps
@@ -54,7 +54,7 @@ TWICE = "the list contains the same value twice"
 ReadNumber = Callable[[Any], float]
 #: A number in the canonical unit of the key, or a string with a unit such as ``"1.2 mrad"``.
 Number: TypeAlias = float | str
-#: Range of swept values as plain data of a study file.
+#: Range of swept values, as plain data for a study file.
 Swept: TypeAlias = "dict[str, Number | dict[str, Number]]"
 
 
@@ -288,7 +288,7 @@ def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int |
     Returns
     -------
     dict
-        A range ``{start, stop, step}`` or ``{start, stop, num}``, which `study` checks.
+        A range ``{start, stop, step}`` or ``{start, stop, num}``, to be checked by `study`.
 
     Examples
     --------
@@ -313,7 +313,7 @@ def logspace(start: Number, stop: Number, num: int) -> Swept:
     Returns
     -------
     dict
-        A geometric range ``{logspace: {start, stop, num}}``, which `study` checks.
+        A geometric range ``{logspace: {start, stop, num}}``, to be checked by `study`.
 
     Examples
     --------
@@ -326,7 +326,7 @@ def logspace(start: Number, stop: Number, num: int) -> Swept:
 
 NORMAL, TRUNCATED, UNIFORM = "normal", "truncated_normal", "uniform"
 TRIANGULAR, LOGNORMAL, DISCRETE = "triangular", "lognormal", "discrete"
-#: Parameters of each distribution.
+#: Names of the parameters of each distribution.
 PARTS = {
     NORMAL: ("mean", "standard deviation"),
     TRUNCATED: ("mean", "standard deviation", "least", "largest"),
@@ -338,12 +338,12 @@ KINDS = (*PARTS, DISCRETE)
 RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
 #: Minimum distance of a draw's probability from 0 and from 1: half a step of the 30-bit sequences. [1]
 LEAST = 2.0**-31
-#: Maximum probability outside the bounds of a key for which a normal distribution is truncated to the bounds. [1]
+#: Probability outside the bounds of a key below which a normal distribution is truncated to these bounds. [1]
 CUT = 1e-6
 
 
 class Drawn(Sweep):
-    """Values of a drawn key of a study along the dimension ``sample``.
+    """Values of a drawn key along the dimension ``sample``.
 
     Before the design is assigned, the values are only the minimum and maximum.
 
@@ -394,7 +394,7 @@ class Drawn(Sweep):
         )
 
     def outside(self, low: float, high: float) -> float:
-        """Return the probability of values of a (log)normal distribution below `low` or above `high`."""
+        """Return the probability that a value of a (log)normal distribution is below `low` or above `high`."""
         mean, deviation = self.parts
         if self.kind == LOGNORMAL:
             mean, low, high = (math.log(value) if value > 0 else -math.inf for value in (mean, low, high))
@@ -403,7 +403,7 @@ class Drawn(Sweep):
         return sum(mass for mass in tails if mass > LEAST)
 
     def quantile(self, probability: NDArray[np.float64]) -> NDArray[Any]:
-        """Return the quantiles of the distribution; names keep the order of the study file."""
+        """Return the quantiles at given probabilities. Names are in the order of the study file."""
         if self.kind == DISCRETE:
             values = np.array(self.parts, object if self.holds_names else float)
             return values[np.searchsorted(np.cumsum(self.weights)[:-1], probability, side="right")]
@@ -433,7 +433,7 @@ class Drawn(Sweep):
         return f"{self.kind.replace('_', ' ')}: {', '.join(named)}"
 
 
-#: Checks of distribution parameters: distributions, condition, index of the invalid parameter, and message.
+#: Checks of distribution parameters, each with distributions, condition, index of the invalid parameter, and message.
 _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, str], ...] = (
     ((LOGNORMAL,), lambda v: v[0] > 0, 0, "the median must be greater than 0"),
     ((UNIFORM, TRIANGULAR), lambda v: v[0] < v[-1], 0, "the minimum must be less than the maximum"),
@@ -454,7 +454,7 @@ _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, st
 
 
 def is_distribution(raw: Any) -> bool:
-    """Return True for a distribution, or a misspelt distribution, in a study file."""
+    """Return True if a value in a study file is a distribution, even if the name of the distribution is misspelt."""
     if not isinstance(raw, Mapping) or any(key in RANGE_KEYS for key in raw):
         return isinstance(raw, Drawn)
     return any(nearest(str(key), (*KINDS, *RANGE_KEYS)) in KINDS for key in raw)
@@ -480,7 +480,7 @@ def read_drawn(
     low, high : float
         Bounds of the key.
     form : str
-        Description of the distribution for names and integers, for which only ``discrete`` is possible.
+        Description of the notation for names and integers, which can only be drawn from ``discrete``.
 
     Raises
     ------
@@ -502,7 +502,7 @@ def read_drawn(
             for value in drawn.ends():
                 checked(value)
         except Invalid as error:
-            share = f"{100 * mass:.3g} %" if mass >= CUT else f"a part of {mass:.2g}"
+            share = f"{100 * mass:.3g} %" if mass >= CUT else f"a fraction of {mass:.2g}"
             message = (
                 f"{error.faults[0].message}, and {share} of the draws would be outside; use truncated_normal: [mean, "
             )
@@ -554,7 +554,7 @@ def read_shape(
 def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
     def listed(entry: Callable[[Any], Any], entries: Any) -> tuple[Any, ...]:
         if not isinstance(entries, list | tuple) or not entries:
-            raise Invalid("must be a list of at least one")
+            raise Invalid("must be a list with at least one entry")
         return tuple(each(entries, entry))
 
     readers = {"values": partial(listed, read), "weights": partial(listed, Quantity("", "1", ge=0, sweep=False).read)}
@@ -562,7 +562,7 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
     values = found["values"]
     weights = found.get("weights", (1 / len(values),) * len(values))
     if len(set(values)) < len(values):
-        raise Invalid(Fault("contains a value twice: add their weights", ("values",), show_value=False))
+        raise Invalid(Fault("contains a value twice: add the weights", ("values",), show_value=False))
     if len(weights) != len(values):
         raise Invalid(Fault(f"must have the same number as the values, {len(values)}", ("weights",)))
     if abs(sum(weights) - 1) > 1e-9:
@@ -646,7 +646,8 @@ def factor(given: str, wanted: str) -> float:
     return float(Decimal(_KINDS[_KIND_OF[given]][given]) / Decimal(_KINDS[_KIND_OF[given]][wanted]))
 
 
-#: Maximum seed, and maximum number of draws. Larger seeds are not exact as floats, so different seeds could be equal.
+#: Maximum seed, and maximum number of draws. Larger seeds are not exact as floats, so different seeds could become
+#: equal.
 MAX_SEED, MAX_SAMPLES = 2**53 - 1, 10**9
 Schema = dict[str, Any]
 
@@ -679,7 +680,7 @@ class Parameter:
         """Description, with the unit if there is one."""
         return self.description
 
-    #: Forms of swept values.
+    #: Types of swept values.
     _SWEPT: ClassVar[Any] = Sweep | list | tuple
 
     def read(self, raw: Any) -> Any:
@@ -735,7 +736,7 @@ class Parameter:
 
 
 def list_schema(one: Mapping[str, Any]) -> Schema:
-    """Return the JSON Schema of a list of different values."""
+    """Return the JSON Schema of a list of distinct values."""
     return {"type": "array", "items": one, "minItems": 1, "description": "Swept: a list"}
 
 
@@ -805,7 +806,7 @@ class Choice(Parameter):
     Parameters
     ----------
     options : mapping of str to str, or sequence of str
-        Names, optionally with meanings.
+        Allowed names, optionally with their meanings.
     """
 
     options: Mapping[str, str] | Sequence[str] = field(hash=False)
@@ -832,7 +833,7 @@ class Choice(Parameter):
 
 @dataclass(frozen=True)
 class Quantity(Parameter):
-    """A physical number with a canonical unit and bounds.
+    """A physical quantity with a canonical unit and bounds.
 
     Parameters
     ----------
@@ -989,7 +990,7 @@ class Numbers(Parameter):
 
 @dataclass(frozen=True)
 class ListOfNumbers(Numbers):
-    """A list of different entries with a fixed number of values each, such as ``[[-16, 150, 0], [-60, 300, 0]]``.
+    """A list of distinct entries, each with a fixed number of values, such as ``[[-16, 150, 0], [-60, 300, 0]]``.
 
     Parameters
     ----------
@@ -1071,7 +1072,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Uncertain(Quantity):
-    """A physical number that is fixed, swept, or drawn from a distribution for each mount.
+    """A physical quantity that is fixed, swept, or drawn from a distribution for each mount.
 
     Bounds apply to numbers and sweeps, to the mean of a normal distribution, and to both ends of a uniform
     distribution. The maximum standard deviation is the larger magnitude of the bounds.

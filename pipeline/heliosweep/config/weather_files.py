@@ -1,9 +1,9 @@
-"""Weather files: mean direct normal irradiance (DNI) and wind speed over intervals of time.
+"""Weather files: mean direct normal irradiance (DNI) and wind speed over time intervals.
 
-The time of a row marks the start, middle or end of an interval, depending on the format. This module does not use the
-readers of pvlib, because these readers do not report the line of an invalid row. These readers also reject hours 0 to
-23, names with commas, and a row of units. For TMY3 files, these readers assign the row of 24:00 on 28 February of a
-leap year to 1 March.
+The time of a row marks the start, middle or end of an interval, depending on the format. This module does not use
+pvlib's readers, because they do not report the line of an invalid row. The readers also reject hours 0 to 23, names
+with commas, and a row of units. In TMY3 files, pvlib's reader assigns the row for 24:00 on 28 February of a leap year
+to 1 March.
 
 References
 ----------
@@ -51,7 +51,7 @@ _MARKS = {
     "period_end": "end", "periodend": "end", "period_start": "start", "periodstart": "start",
 }  # fmt: skip
 _IRRADIANCE = ("Wh/m2", "kW/m2", "kWh/m2", "MJ/m2")
-#: Columns of weather files, with the titles used by the formats.
+#: Columns of weather files, with their titles in the supported formats.
 COLUMNS = {
     "dni": Column(
         "direct normal irradiance, in W/m2", True, -10, MOST_DNI,
@@ -92,11 +92,12 @@ COLUMNS = {
     "hour": Column("hour", False, 0, 24, "between 0 and 24", names=("hr", "hh")),
     "minute": Column("minute", False, 0, 60, "between 0 and 60", names=("min", "mm")),
 }  # fmt: skip
-#: Site data: position of each field in the first line of a file, and title of the field in SAM CSV.
+#: Position of each site field in the first line of a file, by format.
 _PLACES = {
     "EPW": {"latitude": 6, "longitude": 7, "time zone": 8, "altitude": 9},
     "TMY3": {"latitude": 4, "longitude": 5, "time zone": 3, "altitude": 6},
 }
+#: Titles of the site fields in SAM CSV files.
 _TITLES = {
     "latitude": ("latitude", "lat"), "longitude": ("longitude", "lon", "long", "lng"),
     "time zone": ("time zone", "timezone", "tz"), "altitude": ("elevation", "elev", "altitude", "site elevation"),
@@ -246,7 +247,7 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
 
 
 def _header_row(lines: Sequence[str]) -> int | None:
-    """Return the index of the first line with titles of DNI and time, otherwise with one of these titles, or None."""
+    """Return the index of the first line with titles for DNI and time, otherwise for one of these; None if absent."""
     titles = [_fields(line, separator_of(line)) for line in (_COMMENT.sub("", line) for line in lines[:200])]
     keys = [_keys(row) if len(row) > 1 else set[str]() for row in titles]
     whole = (at for at, found in enumerate(keys) if "dni" in found and found & {"time", "date", "day", "hour"})
@@ -332,7 +333,8 @@ class WeatherFile:
     hours : float
         Length of each interval. [h]
     utc : ndarray of datetime64, shape (T,)
-        Instant of each row in universal time, with the year in the file, usually the middle of the interval.
+        Instant of each row in universal time, in the year of the file. The instant is usually the middle of the
+        interval.
     month : ndarray of int, shape (T,)
         Month, 1 to 12, on the clock of the file.
     dni, wind, temperature : ndarray, shape (T,)
@@ -425,8 +427,8 @@ def read_weather(
     Raises
     ------
     StudyError
-        If the file is not a weather file, an interval is missing, or values are out of range. Problems with equal
-        causes are reported once, at the first line.
+        If the file is not a weather file, if an interval is missing, or if values are out of range. Problems with the
+        same cause are reported once, at the first line.
     """
     sheet, notes = parse_weather(path), list[str]()
     table = Table(
@@ -566,7 +568,7 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
 
 
 def _hours(table: Table) -> tuple[float, float]:
-    """Return the first and the last hour of a day: 0 and 23, or 1 and 24."""
+    """Return the first and the last hour of a day in the file: 0 and 23, or 1 and 24."""
     hours = numbers(table.texts("hour")) if "hour" in table.header else np.zeros(1)
     return float(np.min(hours, initial=1)), 24.0 if np.any(hours == 24) and not np.any(hours == 0) else 23.0
 
@@ -596,7 +598,7 @@ def _step(
 ) -> float:
     """Return the minutes between rows; record missing, repeated and unsorted rows.
 
-    The rows are in chronological order, or form a typical year of months from different years.
+    The rows are in chronological order, or form a typical year that combines months from different years.
     """
     if walls.size < 2:
         table.fail("needs at least two rows, to find the length of an interval")
@@ -631,5 +633,5 @@ def _step(
     days, whole = walls.size * step / 1440, bool(best) or sheet.kind in ("EPW", "TMY3", "SAM")
     if whole and np.all(gaps == step) and (days % 1 or days < 365 or (best and days > 366)):
         whole_year = f"{(364 + max(best, 1)) * 1440 / step:,.0f}"
-        table.add(f"has {walls.size:,} rows of {step:g} minutes, and a whole year {whole_year}")
+        table.add(f"has {walls.size:,} rows of {step:g} minutes, but a whole year has {whole_year}")
     return step

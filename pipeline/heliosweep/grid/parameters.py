@@ -93,7 +93,7 @@ class Parameters:
         return ("site",), np.array([np.nan if value is None else value for value in given])
 
     def values(self, key: str) -> np.ndarray | None:
-        """Return the values of one key over all swept dimensions of the region, or None if it has no value."""
+        """Return the values of one key over all swept dimensions of the region, or None if the key has no value."""
         if not self.has(key):
             return None
         dims, values = self.column(key)

@@ -38,7 +38,7 @@ from heliosweep.grid.regions import (
 )
 from heliosweep.lazy import xr
 
-#: Memory of a process with loaded libraries, and additional memory for each worker process and for the report. [bytes]
+#: Memory of a process with its libraries, additional memory for each worker process, and memory for the report. [bytes]
 BASE_MEMORY, WORKER_PROCESS_MEMORY, REPORT_MEMORY = 296 * 2**20, 100 * 2**20, 144 * 2**20
 #: Size of a NetCDF file without data. [bytes]
 EMPTY_FILE = 56 * 2**10
@@ -46,11 +46,11 @@ EMPTY_FILE = 56 * 2**10
 BLOCK_BYTES = {"points": 16 * 2**20, "series": 32 * 2**20}
 #: Minimum and maximum number of evaluations in a chunk. A killed run loses only the chunks being computed.
 MIN_EVALUATIONS, MAX_EVALUATIONS = 20_000, 1_000_000
-#: Target number of chunks, for which all workers end at nearly the same time, and maximum number of chunks.
+#: Target number of chunks (enough for all workers to finish at nearly the same time), and maximum number of chunks.
 WANTED_CHUNKS, MAX_CHUNKS = 64, 10_000
 #: Number of copies of a block in memory during writing: chunks, joined values, finished variables and written values.
 BLOCK_COPIES = 4
-#: Maximum size of values that `Family.finish` processes in one call but that the result does not contain. [bytes]
+#: Maximum size of the passing variables (those not in the result) that `Family.finish` takes in one call. [bytes]
 PASS_BYTES = 16 * 2**20
 #: Location of the workers: this process, processes on this machine, or machines with separate memory.
 Where: TypeAlias = Literal["here", "processes", "elsewhere"]
@@ -58,7 +58,7 @@ Where: TypeAlias = Literal["here", "processes", "elsewhere"]
 
 @dataclass(frozen=True)
 class Workload:
-    """Sizes and memory of a study.
+    """Dimension lengths and memory requirements of a study.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ _CGROUPS, _OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits set by the machine and the study's ``execution`` block: workers, memory and disk. [1, bytes, bytes]"""
+    """Limits on the number of workers, memory [bytes] and disk space [bytes], from the machine or the study."""
 
     workers: int
     memory: int
@@ -461,7 +461,7 @@ class Work:
         return xr.Dataset({name: (one.dims, made[name]) for name, one in in_result(own).items()})
 
     def _groups(self, computed: Mapping[str, Variable], block: Piece) -> Iterator[tuple[list[str], Region]]:
-        """Yield the names and region of variables that are finished together.
+        """Yield the names and region of variables that `Family.finish` processes together.
 
         Each variable with `passing` set is finished separately. A large variable is divided along its longest inner
         dimension.

@@ -12,7 +12,7 @@ import numpy as np
 
 from heliosweep.lazy import xr
 
-#: Slice (with start and stop) of each dimension. Dimensions that are not listed are complete.
+#: Slice of each dimension, with start and stop. The region includes the full length of dimensions that are not listed.
 Region: TypeAlias = Mapping[str, slice]
 
 #: Attribute that marks the maximum or the minimum as a variable's best value, and the values of this attribute.
@@ -88,7 +88,7 @@ def pair(
 ) -> dict[str, Variable]:
     """Declare one variable for each axis in `words`.
 
-    The symbol ``%`` is replaced by the key of `words` in variable names, and by the text of this key in long names.
+    In variable names, ``%`` is replaced by a key of `words`. In long names, it is replaced by the text for this key.
     """
     return {
         name.replace("%", axis): quantity(dims, units, long_name.replace("%", word), comment)

@@ -59,11 +59,11 @@ def _by_point(values: NDArray[np.float64], design: Design) -> NDArray[np.float64
 
 
 def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
-    """Return the first-order and total Sobol indices, each followed by the half width of its 95 % interval.
+    """Return the first-order and total Sobol indices, each followed by the half-width of its 95 % confidence interval.
 
-    The estimators are those of SALib [1]_ [2]_. For independent draws, intervals are computed with SALib's bootstrap.
-    For eight Sobol sequences, intervals are computed with a jackknife over the sequences and Student's t distribution,
-    because a bootstrap assumes independent draws.
+    The estimators are those of SALib [1]_ [2]_. For independent draws, the confidence intervals are computed with
+    SALib's bootstrap. For eight Sobol sequences, they are computed with a jackknife over the sequences and Student's t
+    distribution, because a bootstrap assumes independent draws.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def sobol_indices(values: NDArray[np.float64], design: Design) -> tuple[NDArray[
     Returns
     -------
     tuple of four ndarray, shape (..., parameters)
-        Indices and half widths. The values are zero if the result does not vary, and NaN if a draw is missing.
+        Indices and half-widths. The values are zero if the result does not vary, and NaN if a draw is missing.
 
     References
     ----------
@@ -126,8 +126,8 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
     """Return the mean, mean magnitude and standard deviation of each parameter's elementary effects.
 
     An effect is the change of the result when the keys of a parameter change from their 12.5 % to their 87.5 %
-    quantile. The effect is scaled linearly from a step of 2/3 of this quantile range. The sign of a group is the sign
-    of one of its keys.
+    quantile. The effect is extrapolated linearly from a step of 2/3 of this quantile range. The sign of a group is the
+    sign of one of its keys.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
     Returns
     -------
     tuple of three ndarray, shape (..., parameters)
-        Statistics of the effects. The statistics are NaN if a draw is missing.
+        Statistics of the effects; NaN if a draw is missing.
 
     References
     ----------

@@ -34,8 +34,8 @@ MAX_INSTANTS = 10**7
 DATE = {
     "long_name": "date at the site",
     "comment": (
-        "calendar date in the time zone of the site, represented by its midnight without the offset of the zone, so "
-        "that sites in several zones have common dates"
+        "calendar date in the time zone of the site, stored as midnight without an offset from universal time; sites "
+        "in different time zones therefore share the same dates"
     ),
     "axis": "T",
 }
@@ -61,10 +61,10 @@ class Instants:
 
     The labels depend on the clock:
 
-    - ``solar``: ``day`` or ``declination``, and ``solar_hour``;
-    - ``civil``: ``utc``, which also has the dimension `dim` if the clocks of the sites differ;
-    - ``weather``: ``utc``, the midpoint of each interval, and ``hours``, the length of each interval; these labels also
-      have the dimension `dim` if the weather files differ;
+    - ``solar``: ``day`` or ``declination``, and ``solar_hour``.
+    - ``civil``: ``utc``, which also has the dimension `dim` if the clocks of the sites differ.
+    - ``weather``: ``utc``, the midpoint of each interval, and ``hours``, the length of each interval. Both labels
+      also have the dimension `dim` if the weather files differ.
     - ``sun``: a single ``instant`` for each sun direction.
     """
 
@@ -246,9 +246,7 @@ def sun_attributes(
     if isinstance(time, SolarTime):
         declination = "Cooper (1969) by day of the year" if time.declination is None else "as given"
         return {"sun_position": f"solar clock, declination {declination}", "time_sampling": time.sampling}
-    middles = (
-        "middle of each interval of the weather file; at sunrise and sunset of its part with the sun above the horizon"
-    )
+    middles = "middle of each interval of the weather file, or of its sunlit part in intervals with sunrise or sunset"
     difference = "by year and month (pvlib)" if delta_t is None else f"{delta_t:g} s"
     return {
         "sun_position": (
@@ -388,7 +386,7 @@ def night_share(study: Study) -> float:
 def _heights(
     time: SolarTime | CivilTime, site: Any, latitude: float, longitudes: NDArray[np.float64], most: int = MAX_INSTANTS
 ) -> NDArray[np.float64]:
-    """Return sines of sun elevations at a latitude for at most `most` instants, neglecting the equation of time.
+    """Return the sine of the sun elevation at a latitude for at most `most` instants, neglecting the equation of time.
 
     On the solar clock, only the hour nearest to noon, when the sun is highest, is used for each day.
     """

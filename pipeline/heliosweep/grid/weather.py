@@ -36,7 +36,7 @@ class Irradiance(NamedTuple):
     dni : ndarray, shape (T,)
         Mean direct normal irradiance over each interval; for a clear sky, 0 if the sun is down. [W/m2]
     hours : ndarray, shape (T,)
-        Length of the interval of each instant, including time with the sun down. [h]
+        Length of the interval of each instant, including the time when the sun is down. [h]
     month : ndarray of int, shape (T,)
         Month (1 to 12) of the instant on the clock of the weather file, or of the civil date.
     wind : ndarray, shape (T,)
@@ -191,7 +191,8 @@ def used(irradiance: Irradiance, sun: Floats, limits: Sequence[float | None]) ->
 FARTHEST = 50.0
 #: Time shifts of the sun for which the closure GHI = DHI + DNI cos z is tested. [min]
 SHIFTS = np.arange(-60, 61)
-#: Minimum closure error relative to GHI, and minimum ratio to the smallest error, for which a shift is reported.
+#: A time shift is reported if the closure error relative to GHI exceeds the first value, and if its ratio to the
+#: smallest error exceeds the second value.
 CLOSURE_ERROR, CLOSURE_RATIO = 0.005, 1.6
 #: Maximum number of sweep points that are checked.
 MAX_POINTS = 200
@@ -232,8 +233,8 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
             yield study.problem("limits.wind_speed", f"{file.name} has no wind speed: remove this limit")
     if sites and isinstance(study.weather.file, Sweep) and len(files) != len(sites):
         message = (
-            f"names {len(files)} files for {len(sites)} sites: give one file for each site in their order, or "
-            "one file for all"
+            f"names {len(files)} files for {len(sites)} sites: give one file for each site, in the order of the "
+            "sites, or one file for all"
         )
         yield study.problem("weather.file", message)
         return
@@ -271,7 +272,7 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
 
 
 def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
-    """Yield warnings about a file at a site: notes of the reader, irradiance at night, low DNI, and closure errors."""
+    """Yield warnings about a file at a site: notes from the reader, irradiance at night, low DNI and closure errors."""
     name = Path(file.name).name
     yield from (f"{name}: {note}" for note in file.notes)
     energy = irradiance.dni * irradiance.hours

@@ -29,7 +29,7 @@ AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
 
 #: Maximum number of heights in a grid.
 MAX_CELLS = 25_000_000
-TOO_MANY = "has {:,} heights, " + f"and {MAX_CELLS:,} are possible: crop it to the field, or use a coarser grid"
+TOO_MANY = "has {:,} heights, " + f"more than {MAX_CELLS:,}: crop it to the field, or use a coarser grid"
 
 #: Position east and north of an origin. [m]
 Place = tuple[float, float]
@@ -122,7 +122,7 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
         polygons = np.array([read(text)])
     except shapely.errors.ShapelyError as error:
         reason = re.sub(r"^\w+Exception: ", "", str(error)).splitlines()[0][:100]
-        need(False, f"is no {form}: {reason}; give polygons such as POLYGON ((0 0, 9 0, 9 9, 0 0))")
+        need(False, f"is not valid {form}: {reason}; give polygons such as POLYGON ((0 0, 9 0, 9 9, 0 0))")
     for _ in range(3):  # flatten nested collections
         polygons = shapely.get_parts(polygons)
     polygons = polygons[~(shapely.is_empty(polygons) | shapely.is_missing(polygons))]
@@ -223,16 +223,17 @@ def _geotiff(path: Path, need: Callable[[Any, str], None]) -> tuple[Floats, Floa
 
 
 def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:
-    """Return the ground height at each position relative to the ground at the tower, from `read_heights`. [m]
+    """Return the ground height at each position relative to the ground at the tower. [m]
 
-    Raises a StudyError for the key ``terrain.file`` if a height is missing.
+    `heights` is the function returned by `read_heights`. Raises a StudyError for the key ``terrain.file`` if a height
+    is missing.
     """
     found: Floats = heights((y, x)) - heights((0.0, 0.0))
     if (missing := int(np.isnan(found).sum())) > 0:
         sides = zip("xy", reversed(heights.grid), strict=True)
         spans = (f"{axis} from {side[0]:g} to {side[-1]:g} m" for axis, side in sides)
         where = "the tower" if missing == found.size else f"{missing:,} of {found.size:,} heliostats"
-        message = f"{name} does not cover the field: {where} beyond its heights, {' and '.join(spans)}"
+        message = f"{name} does not cover the field: it has no heights at {where}, only for {' and '.join(spans)}"
         remedy = "for map coordinates set 'origin', or add a boundary, or use a larger grid"
         raise StudyError(Problem(f"{message}; {remedy}", "terrain.file"))
     return found

@@ -1,6 +1,6 @@
 """Heliostat layouts: positions in a fixed order, properties of each heliostat, and checks before a run.
 
-A CSV table contains one row for each heliostat. Tables of SolarPILOT, OpenCSP and solsticepy can also be read. The
+A CSV table contains one row for each heliostat. Tables from SolarPILOT, OpenCSP and solsticepy can also be read. The
 header is the first line with titles for ``x`` and ``y`` (``Pos-x``, ``X Position (m)``, ...). Lines before the header,
 such as the parameters in SolarPILOT's exports, are ignored. Lengths are converted to metres if the titles, or a row of
 units below the header (solsticepy), specify another unit.
@@ -41,7 +41,7 @@ from heliosweep.errors import Problem, StudyError, listed, printable
 from heliosweep.files import write_rows
 from heliosweep.lazy import scipy
 
-#: Maximum number of heliostats of a layout.
+#: Maximum number of heliostats in a layout.
 MAX_HELIOSTATS = 1_000_000
 #: Distance from the tower beyond which coordinates are probably map coordinates, or not in metres. [m]
 FARTHEST = 100e3
@@ -146,8 +146,8 @@ class Layout:
     def matches(self, labels: Sequence[str]) -> NDArray[np.int64]:
         """Return the index of each heliostat in `labels`, or -1 if it is not listed, shape (heliostat,).
 
-        A label is a value of the column ``name``, otherwise of ``id``. A label that is not in this column is a
-        heliostat number.
+        A label is a value in the column ``name``, or in ``id`` if there are no names. Any other label is a heliostat
+        number.
         """
         column = self.columns.get(label_of(self.columns), np.full(len(self), ""))
         names, index = [*map(str, column)], {label: at for at, label in enumerate(labels)}
@@ -271,13 +271,13 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     ----------
     layout : Layout
     width, height : array_like, shape (heliostat,) or scalar
-        Sides of the mirrors; for swept sides, the maximum. [m]
+        Mirror width and height; maximum values if they are swept. [m]
 
     Returns
     -------
     problems : list of Problem
-        No heliostats, invalid coordinates (infinite, NaN or unrealistically large), equal positions, or centres closer
-        together than the shorter side of the mirrors.
+        An empty layout, invalid coordinates (infinite, NaN or unrealistically large), equal positions, or centres
+        closer together than the shorter side of the mirrors.
     warnings : list of Problem
         One warning if centres are closer than the diagonal of the mirrors, because two freely rotating mirrors could
         touch. Actual orientations in a study are not checked.
@@ -367,8 +367,8 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     path : path
         File with the columns ``x`` and ``y``, the position east and north of the tower's base [m]. Optional columns are
         ``z``, the height [m, default 0], properties of the heliostats (`heliosweep.layouts.layout.PROPERTIES`), and
-        labels. Other tables are described in the docstring of this module. Empty lines and lines that start with ``#``
-        are skipped.
+        labels. The docstring of this module describes other supported tables. Empty lines and lines that start with
+        ``#`` are skipped.
     reserved : collection of str
         Reserved names in the result. Labels with these names are prefixed with ``layout_``.
     name : str, optional

@@ -2,8 +2,8 @@
 
 A folder contains one file ``*tower-measurements.json``, and a file ``*heliostat-properties.json`` for each heliostat. A
 heliostat's name is the name of its subfolder, or the part of the file name before a hyphen, as in
-``AA39-heliostat-properties.json``. Positions are WGS84 latitudes and longitudes [deg] and heights [m]. These positions
-are converted to metres east, north and up of an origin (`local_positions`). The database is described in doi
+``AA39-heliostat-properties.json``. Positions are WGS84 latitudes and longitudes [deg] and heights [m]. The function
+`local_positions` converts them to positions east, north and up from an origin [m]. The database is described in doi
 10.1038/s41560-026-02070-1. This package models a heliostat as a rectangle with a grid of equal facets that are canted
 on axis, and a target as a rectangle. `Plant.notes` lists the differences.
 
@@ -14,9 +14,9 @@ needs no name.
 
 The first axis of a PAINT mount is horizontal and points east. The second axis is mounted on the first. The mirror faces
 up if both angles are zero. In a study, a PAINT mount is a ``tilt_roll`` mount with ``axis_azimuth: 90``. The primary
-angle is minus PAINT's first angle, and the secondary angle is PAINT's second angle. Azimuths of the sun are measured
-from south, positive towards *east*, as in ARTIST. Only with this convention do the motor positions reproduce the
-measured spots.
+angle is minus PAINT's first angle, and the secondary angle is PAINT's second angle. Sun azimuths are measured from
+south, positive towards *east*, as in ARTIST. Only with this convention do the motor positions reproduce the measured
+spots.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.layout import FARTHEST, MAX_LISTED, Layout
 from heliosweep.sun import direction
 
-#: Semi-major axis [m] and flattening of the ellipsoid WGS84.
+#: Semi-major axis [m] and flattening of the WGS84 ellipsoid.
 SEMI_MAJOR_AXIS, FLATTENING = 6378137.0, 1 / 298.257223563
 #: Layout columns that contain the motor steps per degree of the primary and secondary angles.
 STEPS = ("azimuth_steps", "elevation_steps")
@@ -49,7 +49,7 @@ EVALUATIONS = ("UTIS", "HeliOS")
 
 #: Tolerance for facet centres and sizes in a regular grid. [m]
 _OFF_GRID = 5e-3
-#: Number of decimals of the lengths in a field: resolution of 1 micrometre.
+#: Number of decimals of the lengths in a field, for a resolution of 1 micrometre.
 _DIGITS = 6
 _PROPERTIES, _SPOTS, _TOWER = "heliostat-properties.json", "calibration-properties", "*tower-measurements.json"
 _SOURCE = (
@@ -94,7 +94,7 @@ def local_positions(place: ArrayLike, origin: Sequence[float]) -> Floats:
     Parameters
     ----------
     place : array_like, shape (..., 3)
-        Latitude and longitude [deg] and height above the ellipsoid WGS84 [m].
+        Latitude and longitude [deg] and height above the WGS84 ellipsoid [m].
     origin : sequence of float
         Latitude and longitude [deg] and height [m] of the origin.
 
@@ -125,7 +125,7 @@ def _geocentric(place: Floats) -> Floats:
 
 
 class _Record(Block):
-    """A PAINT JSON file, or a part of it. Undeclared keys are ignored."""
+    """A PAINT JSON file, or part of such a file. Undeclared keys are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -176,12 +176,12 @@ _MEASUREMENT = _record(
     target_name=Annotated[str, Text("Name of the target")],
 )
 _ACTUATOR: Any = _record(
-    increment=_number("1", 1, 1e9, "Counts of the motor per metre of stroke"),
-    initial_stroke_length=_number("m", 1e-3, 10, "Length of the stroke with the motor at 0"),
+    increment=_number("1", 1, 1e9, "Motor counts per metre of stroke"),
+    initial_stroke_length=_number("m", 1e-3, 10, "Stroke at motor position 0"),
     offset=_number("m", 1e-3, 10, "Distance of the actuator's foot from the joint"),
     pivot_radius=_number("m", 1e-3, 10, "Distance of the actuator's head from the joint"),
     clockwise_axis_movement=_number("1", 0, 1, "1 if the angle decreases while the stroke increases"),
-    initial_angle=_number("1", -10, 10, "Angle of the joint with the motor at 0, in rad"),
+    initial_angle=_number("1", -10, 10, "Joint angle at motor position 0, in rad"),
 )
 
 
@@ -247,7 +247,7 @@ def _heliostat_files(folder: Path) -> dict[str, Path]:
             problems.append(Problem(message, file=str(path)))
     if not files:
         reason = f"it contains no *{_PROPERTIES}" if folder.is_dir() else "there is no such folder"
-        problems = [Problem(f"is not a folder of PAINT: {reason}", file=str(folder))]
+        problems = [Problem(f"is not a PAINT folder: {reason}", file=str(folder))]
     if problems:
         raise StudyError(problems)
     return dict(sorted(files.items()))
@@ -339,7 +339,7 @@ def _read_tower(folder: Path, target: str) -> tuple[tuple[float, ...], dict[str,
     """
     towers = _files(folder, _TOWER)
     if len(towers) != 1:
-        message = f"is not a folder of PAINT: it contains {len(towers)} files {_TOWER}, but must contain one"
+        message = f"is not a PAINT folder: it contains {len(towers)} files {_TOWER}, but must contain one"
         raise StudyError(Problem(message, file=str(folder)))
     path, data = towers[0], read(towers[0]).data
     known = [key for key, value in data.items() if isinstance(value, dict) and "normal_vector" in value]
@@ -425,13 +425,13 @@ def _grid(centres: Floats, sizes: Floats, sides: tuple[float, float]) -> Any:
 def read_paint_spots(
     folder: str | os.PathLike[str], target: str = "receiver", evaluation: str = EVALUATIONS[0]
 ) -> PaintSpots:
-    """Read measured spots and motor angles from a folder of PAINT.
+    """Read measured spots and motor angles from a PAINT folder.
 
     Parameters
     ----------
     folder : path
-        Folder as in `read_paint`, with a file ``*calibration-properties.json`` for each spot in the folder of its
-        heliostat.
+        Folder as in `read_paint`. The folder of each heliostat also contains a file ``*calibration-properties.json``
+        for each spot.
     target : str
         Target whose centre is the origin of the spot coordinates, and whose plane contains the spots. Spots on other
         targets are moved to this plane along the beam from the mirror's centre. The new position is exact except for
@@ -518,7 +518,7 @@ def _spot(
     counts = [getattr(record.motor_position, key) for key in _MOTORS]
     angles = [joint.joint_angle(count) for joint, count in zip(joints, counts, strict=True)]
     for key, angle in zip(_MOTORS, angles, strict=True):
-        message = "is a stroke that does not form a triangle of the actuator"
+        message = "is a stroke with which the actuator does not form a triangle"
         _need(not math.isnan(angle), path, ("motor_position", key), message)
     _need(evaluation in record.focal_spot, path, ("focal_spot",), f"has no {evaluation!r}")
     spot, centre = local_positions(record.focal_spot[evaluation], origin) - below, pivot

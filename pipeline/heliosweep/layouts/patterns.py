@@ -100,14 +100,14 @@ def delsol_radial(elevation: float, height: float) -> float:
 
     Notes
     -----
-    The distance is the fit of DELSOL3 [2]_ with the coefficients in the code of DELSOL3. Some publications misprint the
-    coefficient 1.144 as 1.44, and round the other coefficients.
+    The distance is computed from the DELSOL3 fit [2]_ with the coefficients in the DELSOL3 source code. Some
+    publications misprint the coefficient 1.144 as 1.44, and round the other coefficients.
     """
     return height * (1.1442399 / math.tan(elevation) - 1.093519 + 3.0683558 * elevation - 1.1255617 * elevation**2)
 
 
 def delsol_azimuthal(elevation: float, width: float) -> float:
-    """Return the distance between neighbours of a ring by the fit of DELSOL3 for rectangular mirrors. [m]
+    """Return the distance between neighbours in a ring from the DELSOL3 fit for rectangular mirrors. [m]
 
     The parameters are as in `delsol_radial`, but with the width of the mirror instead of the height. The last term is
     often printed as 0.2873 m, which applies only to mirrors 10 m wide.
@@ -116,9 +116,9 @@ def delsol_azimuthal(elevation: float, width: float) -> float:
 
 
 def no_blocking_radius(radius: float, receiver: float, height: float) -> float:
-    """Return the minimum radius at which a mirror is not blocked by a mirror in front.
+    """Return the minimum radius at which a mirror is not blocked by the mirror in front of it.
 
-    The mirrors are at the same azimuth on level ground.
+    Both mirrors are at the same azimuth on level ground.
 
     Parameters
     ----------
@@ -378,11 +378,11 @@ def spiral(
     b : float
         Exponent of the radius.
     inner_radius : float
-        Radius without heliostats. [m]
+        Radius of the circle around the tower that contains no heliostats. [m]
     heliostats : int, optional
         Number of heliostats, selected outwards from the tower. The number may be omitted if the region is bounded.
     region : Region, optional
-        Ground for heliostats.
+        Ground on which heliostats may be placed.
 
     Returns
     -------
@@ -393,7 +393,7 @@ def spiral(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. The message contains the key.
+        If no field is possible with the parameters. The key of each problem is the parameter.
     """
 
     def places(radius: float) -> Places:
@@ -428,7 +428,7 @@ def rows(
     distance : float
         Distance between rows. [m]
     inner_radius : float
-        Radius without heliostats. [m]
+        Radius of the circle around the tower that contains no heliostats. [m]
     azimuth : float
         Azimuth perpendicular to the rows, clockwise from north. [deg]
     pattern : {"staggered", "straight"}
@@ -437,7 +437,7 @@ def rows(
         Number of heliostats, selected by distance from the tower. Heliostats at equal distances (within rounding) are
         selected by row and from the left. The number may be omitted if the region is bounded.
     region : Region, optional
-        Ground for heliostats.
+        Ground on which heliostats may be placed.
 
     Returns
     -------
@@ -448,7 +448,7 @@ def rows(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. The message contains the key.
+        If no field is possible with the parameters. The key of each problem is the parameter.
     """
     turn = math.radians(azimuth)
 
@@ -476,7 +476,7 @@ PATTERNS: Mapping[str, Callable[..., Layout]] = {"radial_stagger": radial_stagge
 
 def _check_count(count: float, key: str, most: int = MOST_PLACES) -> None:
     if count > most:
-        raise StudyError(Problem(f"the field would have more than {most:,} positions: reduce its ground", key))
+        raise StudyError(Problem(f"the field would have more than {most:,} positions: reduce its area", key))
 
 
 def _cut(
