@@ -122,7 +122,7 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
         polygons = np.array([read(text)])
     except shapely.errors.ShapelyError as error:
         reason = re.sub(r"^\w+Exception: ", "", str(error)).splitlines()[0][:100]
-        need(False, f"is not valid {form}: {reason}; give polygons such as POLYGON ((0 0, 9 0, 9 9, 0 0))")
+        need(False, f"cannot be read as {form}: {reason}; give polygons such as POLYGON ((0 0, 9 0, 9 9, 0 0))")
     for _ in range(3):  # flatten nested collections
         polygons = shapely.get_parts(polygons)
     polygons = polygons[~(shapely.is_empty(polygons) | shapely.is_missing(polygons))]
