@@ -104,6 +104,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
     energy, context = _ENERGY[0] in result, Context(result)
     arrival = "on the receiver" if "total_efficiency" in result else "sent to the receiver"
     means = "Energies are sums, efficiencies are means over the period." if energy else "Means over the period."
+    title = "Energy and mean efficiency" if energy else "Mean efficiency"
     field = [f"field_{name}" for name in (*_ENERGY[:2], *_EFFICIENCIES)]
     others = ["design_point_power", "field_heliostats", "peak_flux", "mean_flux", "power_above_limit", "hours_used"]
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and is_ordered(result, str(dim))]
@@ -130,7 +131,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
         Curves("power_over_limit", "Power on the receiver over the flux limit", ("power_bound", *_AIMS),
                over=("flux_limit",), lines=lines),
         _special("capital_cost", "Capital cost by item", ("capital_cost", "total_capital_cost")),
-        *(Curves(f"efficiency_over_{dim}", f"Energy and mean efficiency of the field over the {context.title(dim)}",
+        *(Curves(f"efficiency_over_{dim}", f"{title} of the field over the {context.title(dim)}",
                  (*field, *others), over=(dim,), lines=lines, notes=f"{means} Field means are weighted by mirror area.")
           for dim in sorted(swept, key=lambda dim: dim != "latitude")),
         Maps("factor_maps", "Mean efficiencies of every heliostat by factor",
