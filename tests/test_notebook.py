@@ -122,29 +122,27 @@ def test_figures_and_maps(result, tmp_path):
 
 
 def test_what_a_plot_needs(result):
-    plot = result.heliosweep.plot
-    with pytest.raises(StudyError, match=r"choose one value of tracking"):
-        plot.map(latitude=20)
-    with pytest.raises(StudyError, match="has no dimension 'heliostat', which a map requires"):
-        plot.map("field_optical_efficiency", latitude=20, tracking="azimuth_elevation")
-    with pytest.raises(StudyError, match="optical: no such variable"):
-        plot.map("optical")
-    with pytest.raises(StudyError, match=r"select\.tracking: is not in the result; did you mean 'azimuth_elevation'\?"):
-        plot.map(latitude=20, tracking="azimuth-elevation")
+    plot, optical = result.heliosweep.plot, "field_optical_efficiency"
     many = xr.Dataset({"x": ("draw", np.arange(16))}, {"draw": np.arange(16)})
-    with pytest.raises(StudyError, match=r"choose one value of draw \(draw: 0, 1, .*, 9 and 6 more\)"):
-        many.heliosweep.plot.map("x")
     days = many.assign_coords(draw=np.arange("2021-06-01", "2021-06-17", dtype="datetime64[D]").astype("M8[ns]"))
-    with pytest.raises(StudyError, match=r"choose one value of draw \(draw: 2021-06-01, 2021-06-02, "):
-        days.heliosweep.plot.map("x")
-    with pytest.raises(StudyError, match=r"choose from 2021-06-01, .*, 2021-06-10 and 6 more \(got 2021-07-01\)"):
-        days.heliosweep.plot.map("x", draw="2021-07-01")
-    with pytest.raises(StudyError, match=r"has no dimension 'heliostat'"):
-        days.heliosweep.plot.map("x", draw="2021-06-03")
-    with pytest.raises(StudyError, match=r"select\.latitude: is not in the result; choose from 0\.0, 20\.0, 40\.0"):
-        plot.map(latitude=21)
-    with pytest.raises(StudyError, match="time: is not a dimension of field_optical_efficiency"):
-        plot.curve("field_optical_efficiency", "time", latitude=20)
+    of_many, of_days = many.heliosweep.plot, days.heliosweep.plot
+    for drawn, names, place, said in (
+        (plot.map, (), {"latitude": 20}, "choose one value of tracking"),
+        (plot.map, (optical,), {"latitude": 20, "tracking": "azimuth_elevation"},
+         "has no dimension 'heliostat', which a map requires"),
+        (plot.map, ("optical",), {}, "optical: no such variable"),
+        (plot.map, (), {"latitude": 20, "tracking": "azimuth-elevation"},
+         r"select\.tracking: is not in the result; did you mean 'azimuth_elevation'\?"),
+        (of_many.map, ("x",), {}, r"choose one value of draw \(draw: 0, 1, .*, 9 and 6 more\)"),
+        (of_days.map, ("x",), {}, r"choose one value of draw \(draw: 2021-06-01, 2021-06-02, "),
+        (of_days.map, ("x",), {"draw": "2021-07-01"},
+         r"choose from 2021-06-01, .*, 2021-06-10 and 6 more \(got 2021-07-01\)"),
+        (of_days.map, ("x",), {"draw": "2021-06-03"}, "has no dimension 'heliostat'"),
+        (plot.map, (), {"latitude": 21}, r"select\.latitude: is not in the result; choose from 0\.0, 20\.0, 40\.0"),
+        (plot.curve, (optical, "time"), {"latitude": 20}, f"time: is not a dimension of {optical}"),
+    ):  # fmt: skip
+        with pytest.raises(StudyError, match=said):
+            drawn(*names, **place)
 
 
 def test_a_layout_from_a_table_and_a_result_that_says_what_it_holds(tmp_path, monkeypatch):

@@ -143,22 +143,16 @@ def test_resolved_study_names_files_as_seen_from_its_folder(study_file) -> None:
         {},
         {"site": "site: {latitude: {start: -60, stop: 60, step: 2}, timezone: '+08:00'}\ntitle: '1e-3'"},
         {"time": "time: {clock: solar, hours: 12, declination: {start: -23.45, stop: 23.45, num: 7}}"},
-        {
-            "site": "site: {latitude: 48, longitude: 2}",
-            "time": "time: {clock: civil, dates: {start: 2021-01-01, stop: 2021-01-31, step: 7},"
-            " window: {start: 7:00, stop: 12:30, step: 10 min}, timezone: Europe/Paris, sampling: midpoint}",
-        },
+        {"site": "site: {latitude: 48, longitude: 2}",
+         "time": "time: {clock: civil, dates: {start: 2021-01-01, stop: 2021-01-31, step: 7},"
+                 " window: {start: 7:00, stop: 12:30, step: 10 min}, timezone: Europe/Paris, sampling: midpoint}"},
         {"site": "sites: [{name: 'no', latitude: 3}, {name: b, latitude: 4, longitude: 5}]"},
-        {
-            "layout": "layout: {radial_stagger: {inner_radius: 60, rings: [3, 4],"
-            " clearance: {logspace: {start: 12, stop: 20, num: 3}}}}"
-        },
-        {
-            "receiver": "receiver: {height: [95, 96]}\nzip: [[tracking, receiver_height]]",
-            "tracking": "tracking: [azimuth_elevation, spinning_elevation]",
-        },
+        {"layout": "layout: {radial_stagger: {inner_radius: 60, rings: [3, 4],"
+                   " clearance: {logspace: {start: 12, stop: 20, num: 3}}}}"},
+        {"receiver": "receiver: {height: [95, 96]}\nzip: [[tracking, receiver_height]]",
+         "tracking": "tracking: [azimuth_elevation, spinning_elevation]"},
     ],
-)
+)  # fmt: skip
 def test_resolved_study_loads_to_the_same(load_study, lines: dict[str, str]) -> None:
     study = load_study(**lines)
     Path("resolved.yaml").write_text(study.to_yaml(), encoding="utf-8")

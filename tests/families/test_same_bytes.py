@@ -51,65 +51,38 @@ CASES: dict[str, tuple[Content, list[Content]]] = {
         YEAR | {"output": {"time_series": True, "field_series": True, "compression": "zlib"}},
         [THREADS | {"chunks": {"heliostat": 3, "time": 1000}}],
     ),
-    "images": (
-        GAZING
-        | {
-            "cameras": {"noise": 0.01, "seed": [0, 1], "radius": [0.2, 0.3]},
-            "sun_profile": ["jose", "noisy"],
-            "defects": {"canting": {"2": [0, -1]}, "waviness": 0.2, "canting_scale": [0.5, 1]},
-            "output": {"maps": True},
+    "images": (GAZING | {
+        "cameras": {"noise": 0.01, "seed": [0, 1], "radius": [0.2, 0.3]}, "sun_profile": ["jose", "noisy"],
+        "defects": {"canting": {"2": [0, -1]}, "waviness": 0.2, "canting_scale": [0.5, 1]}, "output": {"maps": True},
+    }, [THREADS | {"chunks": {"sun_profile": 2, "canting_scale": 2}}, {"chunks": {"camera_radius": 1}}]),
+    "images of a field": (GAZING_FIELD | {
+        "field": {
+            "latitude": 37.4, "day": 81, "hours": [12], "receiver_height": [80, 95], "pivot_height": 7,
+            "layout": {"radial_stagger": {"clearance": 15, "inner_radius": 90, "heliostats": 4}},
         },
-        [THREADS | {"chunks": {"sun_profile": 2, "canting_scale": 2}}, {"chunks": {"camera_radius": 1}}],
-    ),
-    "images of a field": (
-        GAZING_FIELD
-        | {
-            "field": {
-                "latitude": 37.4, "day": 81, "hours": [12],
-                "layout": {"radial_stagger": {"clearance": 15, "inner_radius": 90, "heliostats": 4}},
-                "receiver_height": [80, 95], "pivot_height": 7,
-            },
-            "cameras": {"noise": 0.01},
-        },
-        [THREADS | {"chunks": {"heliostat": 1}}, THREADS | {"chunks": {"heliostat": 3, "receiver_height": 2}}],
-    ),
-    "curves": (
-        SWEPT
-        | {
-            "mount": {"kind": ["azimuth_elevation", "target_aligned"], "mirror_offset": 0.5},
-            "mount_errors": {"azimuth_reference": [0, 1], "tilt_about_east": 2},
-            "beam": {"divergence": 4},
-        },
-        [THREADS | {"chunks": {"heliostat": 2, "error_size": 1}}, THREADS | {"chunks": {"source": 1, "mount_kind": 1}}],
-    ),
+        "cameras": {"noise": 0.01},
+    }, [THREADS | {"chunks": {"heliostat": 1}}, THREADS | {"chunks": {"heliostat": 3, "receiver_height": 2}}]),
+    "curves": (SWEPT | {
+        "mount": {"kind": ["azimuth_elevation", "target_aligned"], "mirror_offset": 0.5},
+        "mount_errors": {"azimuth_reference": [0, 1], "tilt_about_east": 2}, "beam": {"divergence": 4},
+    }, [THREADS | {"chunks": {"heliostat": 2, "error_size": 1}}, THREADS | {"chunks": {"source": 1, "mount_kind": 1}}]),
     "drawn": (
         MOUNT_ERRORS | {"mount_errors": {**DRAWN, "samples": 31, "scale": [0, 1, 2]}},
         [THREADS, *({"chunks": chunks} for chunks in ({"heliostat": 2, "error_scale": 1}, {"error_scale": 2}))],
     ),
-    "detectors": (
-        CALIBRATION
-        | {
-            "mode": "detectors",
-            "time": {"clock": "solar", "days": [80, 172], "hours": [8, 12, 16]},
-            "mount_errors": {**DRAWN, "samples": 3, "scale": [0.5, 1.0]},
-            "detectors": {
-                "arrays": [{"points": [[-9, -8], [9, -8], [9, 9]]}, {"points": [[-8, -9], [-8, 9]]}],
-                "parameters": [2, 4, 6], "noise": 0.02, "rounds": 2,
-            },
+    "detectors": (CALIBRATION | {
+        "mode": "detectors", "time": {"clock": "solar", "days": [80, 172], "hours": [8, 12, 16]},
+        "mount_errors": {**DRAWN, "samples": 3, "scale": [0.5, 1.0]},
+        "detectors": {
+            "arrays": [{"points": [[-9, -8], [9, -8], [9, 9]]}, {"points": [[-8, -9], [-8, 9]]}],
+            "parameters": [2, 4, 6], "noise": 0.02, "rounds": 2,
         },
-        [THREADS | {"chunks": {"heliostat": 1, "parameters": 1}}, THREADS | {"chunks": {"heliostat": 2}}],
-    ),
-    "calibration": (
-        CALIBRATION
-        | {
-            "mount_errors": {**DRAWN, "samples": 3, "scale": [0.5, 1.0]},
-            "calibration": {"parameters": [4, 6], "noise": 0.02, "days_used": [1, 2]},
-        },
-        [
-            THREADS | {"chunks": {"heliostat": 1, "parameters": 1}},
-            THREADS | {"chunks": {"heliostat": 2, "days_used": 1}},
-        ],
-    ),
+    }, [THREADS | {"chunks": {"heliostat": 1, "parameters": 1}}, THREADS | {"chunks": {"heliostat": 2}}]),
+    "calibration": (CALIBRATION | {
+        "mount_errors": {**DRAWN, "samples": 3, "scale": [0.5, 1.0]},
+        "calibration": {"parameters": [4, 6], "noise": 0.02, "days_used": [1, 2]},
+    }, [THREADS | {"chunks": chunks} for chunks in
+        ({"heliostat": 1, "parameters": 1}, {"heliostat": 2, "days_used": 1})]),
 }  # fmt: skip
 
 

@@ -80,34 +80,23 @@ def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
     [
         ("", ["table.csv: is empty: it needs a header and numbers"]),
         (HEADER, ["table.csv: has a header but no published numbers: give one row for each"]),
-        (
-            "latitude,quantity\n0,a\n",
-            [
-                "table.csv:1: needs a column published: the number as it was printed",
-                "table.csv:1: needs a column unit: its unit, such as 1, percent, deg or m",
-                "table.csv:1: needs a column tolerance: maximum difference at which a computed value agrees",
-            ],
-        ),
-        (
-            HEADER.replace("tracking", "latitude") + ",,a,1,1,1\n",
-            ["table.csv:1:10: has two columns 'latitude'; remove one"],
-        ),
-        (
-            HEADER + "a,0,b,about 3,1,1\na,0,b,1,,1\na,0,b,1,1,-1\na,0,b\na,0,b,nan,1,1\na,0,b,1,1,\na,0,,1,1,1\n",
-            [
-                f"table.csv:2:7: published {NUMBER} (got 'about 3')",
-                "table.csv:3:9: unit is empty",
-                "table.csv:4:11: tolerance must be at least 0 (got '-1')",
-                "table.csv:5: has 3 fields, but the header has 6",
-                f"table.csv:6:7: published {NUMBER} (got 'nan')",
-                "table.csv:7:11: tolerance is empty",
-                "table.csv:8:5: quantity is empty",
-            ],
-        ),
+        ("latitude,quantity\n0,a\n", [
+            "table.csv:1: needs a column published: the number as it was printed",
+            "table.csv:1: needs a column unit: its unit, such as 1, percent, deg or m",
+            "table.csv:1: needs a column tolerance: maximum difference at which a computed value agrees",
+        ]),
+        (HEADER.replace("tracking", "latitude") + ",,a,1,1,1\n",
+         ["table.csv:1:10: has two columns 'latitude'; remove one"]),
+        (HEADER + "a,0,b,about 3,1,1\na,0,b,1,,1\na,0,b,1,1,-1\na,0,b\na,0,b,nan,1,1\na,0,b,1,1,\na,0,,1,1,1\n", [
+            f"table.csv:2:7: published {NUMBER} (got 'about 3')", "table.csv:3:9: unit is empty",
+            "table.csv:4:11: tolerance must be at least 0 (got '-1')",
+            "table.csv:5: has 3 fields, but the header has 6", f"table.csv:6:7: published {NUMBER} (got 'nan')",
+            "table.csv:7:11: tolerance is empty", "table.csv:8:5: quantity is empty",
+        ]),
         (CLAIMS + "T,a,1,1,0,,maybe\n", ["table.csv:2:12: verdict must be 'agrees' or 'does not agree' (got 'maybe')"]),
         (CLAIMS + "T,a,> 1,1,0,,\n", [f"table.csv:2:5: published {NUMBER} (got '> 1')"]),
     ],
-)
+)  # fmt: skip
 def test_bad_tables(table, text, expected):
     assert problems(table, text) == expected
 

@@ -45,16 +45,12 @@ def test_a_scene_of_a_field_is_that_of_one_heliostat(make):
     assert float(field["slant_range"].sel(heliostat=1)) == pytest.approx(np.linalg.norm(to_target))
     blocks = copy.deepcopy(SMALL)
     blocks["defects"].pop("waviness")
-    one = api.build(
-        api.load(
-            {
-                **blocks,
-                "heliostat": {"distance": float(np.linalg.norm(to_target)), "pixel": 0.3},
-                "target": {"azimuth": target_azimuth, "elevation": elevation, "face": target_azimuth},
-                "sun": {"azimuth": sun_azimuth, "elevation": sun_elevation},
-            }
-        )
-    ).compute()
+    alone: dict[str, Any] = {
+        "heliostat": {"distance": float(np.linalg.norm(to_target)), "pixel": 0.3},
+        "target": {"azimuth": target_azimuth, "elevation": elevation, "face": target_azimuth},
+        "sun": {"azimuth": sun_azimuth, "elevation": sun_elevation},
+    }  # fmt: skip
+    one = api.build(api.load({**blocks, **alone})).compute()
     scene = field.sel(heliostat=1, hour=10)
     assert float(scene["incidence"]) == pytest.approx(float(one["incidence"]), abs=1e-9)
     bias = one["slope_bias_y"]

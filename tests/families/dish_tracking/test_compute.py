@@ -52,18 +52,6 @@ def pvlib_sun(latitude: float, longitude: float, stamps: np.ndarray) -> np.ndarr
     )
 
 
-def test_a_day_is_the_mean_of_the_kernel_s_errors_at_pvlib_s_sun():
-    result = computed()
-    stamps = np.datetime64("2021-06-20T23:00") + np.arange(14) * np.timedelta64(1, "h")
-    windows = pack_windows(pvlib_sun(40.13, 94.67, stamps), np.arange(stamps.size + 1))
-    errors = dish.window_errors(dish.RIGID, windows, np.radians(0.1), np.radians(90.0))[0]
-    day = result.sel(date="2021-06-21", axis_tilt=0.1, axis_tilt_direction=90)
-    assert float(day["mean_tracking_error"]) == pytest.approx(errors.mean() * 1e3, abs=1e-7)
-    assert float(day["max_tracking_error"]) == pytest.approx(errors.max() * 1e3, abs=1e-7)
-    assert float(day["effective_tracking_factor"]) == pytest.approx(1 - errors.mean() / 4e-3, abs=1e-7)
-    assert result["effective_tracking_factor"].dims == ("axis_tilt", "axis_tilt_direction", "date")
-
-
 def test_time_series_are_the_errors_of_the_window_and_the_sun_of_pvlib():
     zones: dict[str, Any] = {
         "sites": [{"name": "a", "latitude": 40, "longitude": 95, "timezone": "+08:00"}],

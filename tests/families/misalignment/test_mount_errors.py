@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy import stats
 
 from heliosweep.config.values import Distribution
@@ -32,27 +31,6 @@ def drawn(samples: int, **errors: Any) -> dict[str, Any]:
 
 def twins(kind: str = "azimuth_elevation", offsets: tuple[float, float, float] = (0.5, 0.3, 4.0)) -> list[Twin]:
     return [Twin((x, y, z), 100.0, (5.0, -10.0), (1.5, 1.0), kind, 37.4, 20.0, offsets) for x, y, z in POSITIONS]
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_fixed_errors_send_the_beam_where_the_twin_says(kind: str) -> None:
-    names, offsets = ("mirror_offset", "axis_offset", "pedestal_height"), (0.5, 0.3, 4.0)
-    made = computed(study(mount={"kind": kind, "axis_azimuth": 20, **dict(zip(names, offsets, strict=True))}))
-    errors = np.array([list(FIXED.values())]) * 1e-3
-    for number, twin in enumerate(twins(kind, offsets)):
-        for i, day in enumerate(DAYS):
-            for j, hour in enumerate(HOURS):
-                sun = solar_vector(37.4, day, hour)
-                ((y, z),), (real,) = twin.spots(*twin.actual(sun, errors), sun)
-                there = made.isel(heliostat=number, day=i, hour=j)
-                assert bool(there.is_real) == real
-                if real:
-                    assert there.spot_y.item() == pytest.approx(y, abs=2e-10)
-                    assert there.spot_z.item() == pytest.approx(z, abs=2e-10)
-                    assert bool(there.inside) == twin.inside(np.array([y, z]))
-    assert made.is_real.sum() > 12
-    hits = made.inside.astype(float).where(made.spot_status != 3).mean("hour")
-    xr.testing.assert_allclose(made.hit_fraction, hits, rtol=1e-15)
 
 
 DRAWN: dict[str, Any] = {

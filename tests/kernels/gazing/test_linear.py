@@ -24,25 +24,13 @@ def reconstructed(layout, grid, images, profile=None):
     return twin.by_kernels(images, layout, profile, grid.pixels, transfers(layout))
 
 
-def table_errors(layout, grid, profile, canting=None):
+def table_errors(layout, grid, profile):
     """Mean slopes with the canting less those without, less the canting, in percent of 1 mrad: (T, module, axis)."""
-    canting = twin.paper_canting() if canting is None else canting
-    found = [
-        reconstructed(layout, grid, image_set(layout, grid, profile, module_spheres(themis_8(), 120.0, c))[0], profile)[
-            0
-        ]
-        for c in (canting, FLAT)
-    ]
-    keep, net = eroded(grid, 2), found[0] - found[1]
-    return np.array(
-        [
-            [
-                np.nanmean(map_[:, keep & (grid.pixel_module == row)], axis=1) * 1e5 - canting[row] * 1e5
-                for row in (1, 2)
-            ]
-            for map_ in net
-        ]
-    )
+    canting, keep = twin.paper_canting(), eroded(grid, 2)
+    images = (image_set(layout, grid, profile, module_spheres(themis_8(), 120.0, c))[0] for c in (canting, FLAT))
+    net = np.subtract(*(reconstructed(layout, grid, image, profile)[0] for image in images))
+    rows = [np.nanmean(net[..., keep & (grid.pixel_module == row)], axis=-1) - canting[row] for row in (1, 2)]
+    return 1e5 * np.stack(rows, axis=1)
 
 
 def test_method_a_of_the_paper():
