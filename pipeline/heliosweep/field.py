@@ -46,7 +46,7 @@ def field_efficiency(
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Azimuth and elevation of the sun. [deg]
     width, height : float or array, shape (N,)
-        Sides of the mirrors. [m]
+        Width and height of the mirrors. [m]
     aim : float or array, shape (3,) or (N, 3)
         Aim points, or the height of a common aim point at x = y = 0. [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}

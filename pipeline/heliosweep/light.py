@@ -91,7 +91,7 @@ def field_scene(
     receiver : Cylinder or Rectangle
         Receiver of the field.
     width, height : float or array, shape (N,)
-        Sides of the mirrors. [m]
+        Width and height of the mirrors. [m]
     aim : array, shape (3,) or (N, 3), optional
         Aim points, which must not be behind the receiver (default: the centre of a rectangle, or the nearest point on
         the surface of a cylinder at half of its height). [m]
@@ -532,7 +532,7 @@ def _receiver(receiver: Cylinder | Rectangle) -> kernel.Receiver:
     if not isinstance(receiver, Cylinder | Rectangle):
         raise ValueError(f"`receiver` must be a Cylinder or a Rectangle (got {receiver!r})")
     if not (np.isfinite(receiver).all() and min(receiver[:3]) > 0.0):
-        raise ValueError(f"`receiver` must have a height and sides above 0 (got {receiver})")
+        raise ValueError(f"the height and the dimensions of `receiver` must be above 0 (got {receiver})")
     centre = (0.0, 0.0, float(receiver.height))
     if isinstance(receiver, Cylinder):
         return kernel.cylinder(centre, receiver.radius, receiver.height_extent)

@@ -120,7 +120,7 @@ def test_direct_irradiance_on_the_horizontal_plane_is_told(checked):
     Path("flat.csv").write_text(real(0, lambda ghi, dhi, dni: max(ghi - dhi, 0)))
     (said,) = checked(REAL_SITE, CLOCK, "weather: {file: flat.csv, label: middle}").notes()
     assert (
-        said == "flat.csv: GHI = DHI + DNI in nearly all rows: the column dni is the irradiance on the horizontal plane"
+        said == "flat.csv: GHI = DHI + DNI in nearly all rows: the column dni contains the direct irradiance on the horizontal plane"
     )
     Path("low.csv").write_text(real(0, lambda ghi, dhi, dni: dni / 4))
     notes = checked(REAL_SITE, CLOCK, "weather: {file: low.csv, label: middle}").notes()

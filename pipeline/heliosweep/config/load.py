@@ -202,8 +202,8 @@ def load(
     ----------
     path : path
         The study file.
-    registry : mapping of str to type of Study
-        Study class of each family, by family name.
+    registry : mapping of str to Study class
+        Study classes by family name.
     changes, named
         Values by dotted key, and the text for messages about these values; see `changed`.
     check : bool

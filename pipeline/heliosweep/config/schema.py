@@ -59,7 +59,7 @@ class Key:
     sampled : bool
         True if the values are instants over which results are averaged.
     only : str
-        Kinds of block that have this key; empty if all kinds have the key.
+        Kinds of the block that have this key; empty if every kind of the block has it.
     """
 
     name: str

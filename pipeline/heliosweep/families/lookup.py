@@ -231,7 +231,7 @@ class Sampled(Wrapped):
                 yield f"{what}: the confidence interval of a total index {wider}"
 
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Return figures that show the distribution of each result and its sensitivity to the drawn keys."""
+        """Return figures that show the distribution of each result and its sensitivity to each random key."""
         from heliosweep.report.draws import figures
 
         return [*self.inner.figures_of_draws(result), *figures(result, self.inner.headlines)]
@@ -307,7 +307,7 @@ class Searched(Wrapped):
         return _with(study, columns, {"zip": (keys,) if len(keys) > 1 else ()})
 
     def space(self, study: Any) -> Space:
-        """Return the bounds of the searched keys. If a key has a list of choices, the choices are numbered from 0."""
+        """Return the bounds of the keys that the search varies. Choices of a key are numbered from 0."""
         from heliosweep.search.optimise import Space
 
         ends = [(0, len(extent["choice"]) - 1) if isinstance(extent, dict) else extent for *_, extent in _keys(study)]

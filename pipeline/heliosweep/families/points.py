@@ -1,4 +1,4 @@
-"""Compute the results of declared families: allocate arrays, loop over points, and add coordinates."""
+"""Compute the results of a family from its declarations: allocate arrays, loop over points, and add coordinates."""
 
 from __future__ import annotations
 

@@ -549,7 +549,7 @@ class Mounts(NamedTuple):
 
 
 def _rowwise(fill, count: int, frame: ArrayLike, *arrays: ArrayLike) -> Floats:
-    """Call a kernel on broadcast rows of frames and three arrays; return `count` numbers for each row."""
+    """Call a kernel on each row of the broadcast frames and vectors; return `count` numbers for each row."""
     *vectors, offsets = arrays
     frames = np.asarray(frame, np.float64)
     parts = [frames.reshape(*frames.shape[:-2], 9), *(np.asarray(each, np.float64) for each in vectors)]

@@ -325,7 +325,7 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
 
 
 def _listed(layout: Layout, rows: Sequence[int] | NDArray[np.int64], messages: Iterable[str]) -> list[Problem]:
-    """Return a problem for each of the first invalid rows, and one problem that counts the remaining rows."""
+    """Return a problem for each listed row, and one problem that states the number of unlisted invalid rows."""
     problems = (
         Problem(f"heliostat {row} {message}", "", layout.name, None if layout.lines is None else int(layout.lines[row]))
         for row, message in zip(rows, messages, strict=True)

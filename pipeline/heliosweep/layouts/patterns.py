@@ -56,7 +56,7 @@ class Spacing(NamedTuple):
     receiver : float
         Height of the receiver above the mirrors' centres. [m]
     width, height : float
-        Sides of the mirrors. [m]
+        Width and height of the mirrors. [m]
     """
 
     rule: str
@@ -183,8 +183,8 @@ def radial_stagger(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. The key of each problem is the parameter, such as ``zones.1.pitch``
-        for the second zone.
+        If no field is possible with the parameters. Each problem names its parameter as the key, such as
+        ``zones.1.pitch`` for the second zone.
 
     Notes
     -----
@@ -393,7 +393,7 @@ def spiral(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. The key of each problem is the parameter.
+        If no field is possible with the parameters. Each problem names its parameter as the key.
     """
 
     def places(radius: float) -> Places:
@@ -448,7 +448,7 @@ def rows(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. The key of each problem is the parameter.
+        If no field is possible with the parameters. Each problem names its parameter as the key.
     """
     turn = math.radians(azimuth)
 

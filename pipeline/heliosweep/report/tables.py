@@ -61,7 +61,7 @@ class Column:
     errors : sequence of float
         Standard errors, which are printed after the numbers.
     best : {"", "largest", "smallest"}
-        Best value of the column, which is the largest or smallest number; empty if no value is the best.
+        Whether the largest or the smallest number of the column is the best; empty if the column has no best value.
     """
 
     title: str

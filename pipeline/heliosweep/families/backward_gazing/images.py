@@ -6,7 +6,7 @@ Values in the study have priority over metadata. The first row of an image is it
 row first, unless the card ROWORDER is TOP-DOWN.
 
 If the corners of the heliostat are not marked, the heliostat is located with scikit-image. Rotation, scale and shift
-are computed by phase correlation: the lit pixels are compared with the silhouette of the modules in an upright camera.
+are computed by phase correlation: the lit pixels are compared with the silhouette of the modules in an upright image.
 Then each side of the heliostat is located to a fraction of a pixel. Brightness profiles across the side give its offset
 at many positions, and a line is fitted to the offsets by RANSAC. The corners are the intersections of adjacent sides.
 A camera may be rotated by at most 40 deg, because the layout of the modules looks the same upside down.

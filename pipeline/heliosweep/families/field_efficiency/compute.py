@@ -351,7 +351,7 @@ def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: in
 def _field(
     point: Point, layout: Layout, *, months: np.ndarray | None, aim: np.ndarray | None = None
 ) -> Field | TracedField:
-    """Return the field of a layout at a point of the result; `aim` overrides the study's aim points."""
+    """Return the heliostat field of a layout for the key values at a point; `aim` overrides the study's aim points."""
     study, place = point.study, [point[key] for key in PLACE]
     sides = _sides(point, layout)
     mirrors: Geometry = (

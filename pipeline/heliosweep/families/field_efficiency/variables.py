@@ -1,7 +1,7 @@
 """Result variables: names, CF attributes and definitions, in the order of the result file.
 
-Each row of the table `rows` describes one variable: required study properties, name, dimensions, units and
-descriptions. The family's computation returns values by variable name.
+Each row of the table `rows` describes one variable, with its name, dimensions, units and descriptions, and with the
+study properties that it requires. The family's computation returns values by variable name.
 """
 
 from __future__ import annotations

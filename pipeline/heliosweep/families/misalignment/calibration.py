@@ -323,9 +323,10 @@ def estimates(found: Fit, samples: int, what: str) -> Values:
 
 
 def rms(squares: Floats, counted: NDArray[np.bool_], coordinates: int = 1) -> Floats:
-    """Return the root mean square per coordinate along the last axis, from the squares flagged in `counted`.
+    """Return the root mean square along the last axis of the squares flagged in `counted`.
 
-    The result is NaN if `counted` flags no square.
+    Each square is a sum over `coordinates` coordinates, and the result is the value per coordinate. The result is NaN
+    if `counted` flags no square.
     """
     count = coordinates * np.count_nonzero(counted, axis=-1)
     total = np.sum(np.where(counted, squares, 0.0), axis=-1)

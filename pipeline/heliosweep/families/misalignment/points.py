@@ -126,7 +126,7 @@ def _civil_sun(time: CivilTime, timezone: str, *place: float | None) -> Floats:
 
 
 class Positions(LayoutAxis):
-    """Layout of the pivots at the positions in a study: east, north and up, relative to the tower's base [m]."""
+    """Layout with a pivot at each position in a study: east, north and up, relative to the tower's base [m]."""
 
     def __init__(self, study: MisalignmentStudy) -> None:
         layout = Layout(*np.array(study.heliostats.positions or (), np.float64).T)

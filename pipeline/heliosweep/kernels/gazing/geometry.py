@@ -21,7 +21,7 @@ waviness adds slopes. The brightness at a mirror pixel is found by tracing a ray
 on to the sun's disc.
 
 Pinhole camera i is at M_i and looks at the heliostat's centre. The camera is upright, except for its roll angle. Its
-pixels are square. Columns u count to the right and rows v down, and the centre of the first pixel is at (0, 0).
+pixels are square. The column u increases to the right, and the row v downwards. The first pixel is centred at (0, 0).
 The brightness of a pixel is the mean over n x n points. The ray through a point hits the first module on its path.
 `Modules` contains the rectangle of each module before the rotations.
 
@@ -386,7 +386,7 @@ def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats
     return mirror_offsets(a, b, *rays, layout.sun_y, layout.sun_z)
 
 
-#: Brightness at the maximum level of a camera, relative to the disc centre.
+#: Brightness at the highest grey level of a camera, relative to the brightness of the disc centre.
 FULL_SCALE = 1.25
 #: Number of plane waves in a wavy surface.
 WAVES = 48

@@ -63,7 +63,8 @@ from heliosweep.kernels.profiles import Profile, brightness, inverse_squares, sm
 
 Flags = NDArray[np.uint8]
 #: Flags of a pixel. `NOT_CONVERGED`: The search ended before convergence. `UNLIT`: Fewer than 3 cameras are lit.
-#: `OUTSIDE`: At the slopes of LM, a lit camera looks outside the disc, where the profile is replaced by its tangent.
+#: `OUTSIDE`: At the LM estimate of the slopes, a lit camera sees a point outside the sun's disc, where the tangent
+#: replaces the sun profile.
 NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
 #: Nelder-Mead settings. `SIMPLEX`: Side of the first simplex. [rad] `XATOL`: Maximum size of the last simplex. [rad]
 #: `FATOL`: Maximum range of the merit in the last simplex. [1] `LIMIT`: Maximum number of evaluations.
