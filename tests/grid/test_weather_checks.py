@@ -119,9 +119,7 @@ def test_closure_finds_the_shift_of_the_sun(checked, minutes, said):
 def test_direct_irradiance_on_the_horizontal_plane_is_told(checked):
     Path("flat.csv").write_text(real(0, lambda ghi, dhi, dni: max(ghi - dhi, 0)))
     (said,) = checked(REAL_SITE, CLOCK, "weather: {file: flat.csv, label: middle}").notes()
-    assert (
-        said == "flat.csv: GHI = DHI + DNI in nearly all rows: the column dni contains the direct irradiance on the horizontal plane"
-    )
+    assert said == "flat.csv: GHI = DHI + DNI in nearly all rows: the column dni contains direct horizontal irradiance"
     Path("low.csv").write_text(real(0, lambda ghi, dhi, dni: dni / 4))
     notes = checked(REAL_SITE, CLOCK, "weather: {file: low.csv, label: middle}").notes()
     assert any(

@@ -304,7 +304,7 @@ def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64
     best, now = int(np.argmin(errors)), float(errors[SHIFTS == 0][0])
     minutes = int(SHIFTS[best])
     if float(np.sqrt(np.mean((dni - beam) ** 2))) / mean < errors[best] / CLOSURE_RATIO:
-        yield "GHI = DHI + DNI in nearly all rows: the column dni contains the direct irradiance on the horizontal plane"
+        yield "GHI = DHI + DNI in nearly all rows: the column dni contains direct horizontal irradiance"
     elif now > max(CLOSURE_ERROR, CLOSURE_RATIO * errors[best]) and abs(minutes) >= 3:
         target, labels = file.shift + minutes / 60, {"start": file.hours / 2, "middle": 0.0, "end": -file.hours / 2}
         label = next((label for label, shift in labels.items() if abs(shift - target) < 0.05), "")
