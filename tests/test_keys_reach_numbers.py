@@ -238,7 +238,8 @@ def test_a_key_has_its_effect(row: Row) -> None:
         xr.testing.assert_equal(*results)
         return
     if row.effect == "moves" and row.measure in results[0]:
-        assert not np.array_equal(*(result[row.measure] for result in results), equal_nan=True)
+        before, after = (result[row.measure] for result in results)
+        assert not np.array_equal(before, after, equal_nan=True)
         return
     first, second = map(row.number, results)
     match row.effect:

@@ -19,14 +19,15 @@ NAMES: dict[str, Any] = {
 }  # fmt: skip
 
 
-def cases() -> list[tuple[str, str, str, str]]:
+def cases() -> list[Any]:
     """Function, good arguments, wrong ones, what is said."""
     found, function, good = [], "", ""
     for line in Path(__file__).with_name("wrong_arguments.txt").read_text(encoding="utf-8").splitlines():
         if line.startswith("@ "):
             function, good = line.removeprefix("@ ").split(": ", 1)
         elif line and not line.startswith("#"):
-            found.append((function, good, *line.split(" => ")))
+            wrong, said = line.split(" => ")
+            found.append(pytest.param(function, good, wrong, said, id=f"{function}-{wrong[:40]}"))
     return found
 
 

@@ -54,7 +54,8 @@ def test_an_empty_key_of_the_base_is_told_and_not_removed(base):
     base.write_text(base.read_text().replace("receiver:", "receiver:\n  kind:"))
     with pytest.raises(StudyError, match=r"plant/base.yaml:\d+:8: receiver.kind: is empty: write a value"):
         api.load(written(receiver={"height": 77}))
-    assert api.load(written(receiver={"kind": None})).receiver.height == 60
+    study: Any = api.load(written(receiver={"kind": None}))
+    assert study.receiver.height == 60
 
 
 def test_mistakes_are_told_in_the_file_in_which_they_are(base):

@@ -186,7 +186,7 @@ TABLES: dict[str, tuple[str, Callable[[datetime, str], str], dict[str, Any]]] = 
 PVGIS = (45.0, 8.0)
 MADE: dict[str, tuple[Callable[[], str], dict[str, Any], tuple[float, float], tuple[float, float]]] = {
     **{name: (*made, ALMERIA, SPANISH) for name, made in HERE.items()},
-    **{name: (partial(table, *made), options, ALMERIA, SPANISH) for name, (*made, options) in TABLES.items()},
+    **{name: (partial(table, head, row), given, ALMERIA, SPANISH) for name, (head, row, given) in TABLES.items()},
     "PSM 3 padded": (partial(of_year, psm, "delhi", "28.6,77.2,5.5", padding=",,,,,"), {}, DELHI, INDIAN),
     "PSM minute 0": (partial(of_year, psm, "phoenix", "33.45,-111.98,-7", minutes=[0]), {}, PHOENIX, ARIZONAN),
     "PVGIS EPW": (pvgis_epw, {}, PVGIS, (33.603347, 28.115348)),

@@ -162,6 +162,7 @@ def test_targets_never_replace_results_or_sources(tmp_path):
     write(tmp_path / "a")
     mine = tmp_path / "mine.csv"
     mine.write_text("a\n", encoding="utf-8")
+    options: Any
     for name, options, message in (
         ("a/comparison.csv", {}, "belongs to a result"),
         ("mine.csv", {}, "exists already"),
