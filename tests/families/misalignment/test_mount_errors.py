@@ -1,5 +1,6 @@
 """Mode mount_errors against a second model, by theory of small errors, and cut in every way."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,20 @@ def drawn(samples: int, **errors: Any) -> dict[str, Any]:
 
 def twins(kind: str = "azimuth_elevation", offsets: tuple[float, float, float] = (0.5, 0.3, 4.0)) -> list[Twin]:
     return [Twin((x, y, z), 100.0, (5.0, -10.0), (1.5, 1.0), kind, 37.4, 20.0, offsets) for x, y, z in POSITIONS]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_fixed_errors_send_the_beam_where_the_twin_says(kind: str) -> None:
+    offsets = {"mirror_offset": 0.5, "axis_offset": 0.3, "pedestal_height": 4}
+    made = computed(study(mount={"kind": kind, "axis_azimuth": 20, **offsets}))
+    for number, twin in enumerate(twins(kind)):
+        for day, hour in itertools.product(DAYS, HOURS):
+            sun, there = solar_vector(37.4, day, hour), made.isel(heliostat=number).sel(day=day, hour=hour)
+            ((y, z),), (real,) = twin.spots(*twin.actual(sun, np.array([list(FIXED.values())]) * 1e-3), sun)
+            assert bool(there.is_real) == real
+            if real:
+                assert [there.spot_y.item(), there.spot_z.item()] == pytest.approx([y, z], abs=2e-10)
+                assert bool(there.inside) == twin.inside(np.array([y, z]))
 
 
 DRAWN: dict[str, Any] = {
