@@ -736,7 +736,7 @@ def _at_directions(
 ) -> Any:
     """Apply a function to a result over sun directions, which is computed first if the source is not such a result.
 
-    If the study of a result has `keep`, only the kept heliostats are computed. The mapping `changes` applies to the
+    If the study of the result sets `keep`, only the kept heliostats are simulated. The mapping `changes` applies to the
     study of a result folder.
     """
     from heliosweep.share import sam

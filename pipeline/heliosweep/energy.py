@@ -329,7 +329,7 @@ def annual_energy(
         Length of the time interval that each instant represents. [h]
     efficiencies : mapping of str to float or array, shape (), (T,), (1, N) or (T, N)
         Fraction of the light that remains after each stage, in the order in which light passes through the stages.
-        Examples are cosine, shading and blocking, reflection, attenuation and intercept. NaN is treated as 0. [1]
+        Typical stages are cosine, shading and blocking, reflection, attenuation and intercept. NaN is treated as 0. [1]
     area : float or array, shape (N,)
         Mirror area of each heliostat. [m2]
     month : array of int, shape (T,), optional

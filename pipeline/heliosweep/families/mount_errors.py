@@ -1,4 +1,4 @@
-"""The six errors of a mount, shared by several families: keys in a study file, and random draws.
+"""Study keys and random draws of the six mount errors, shared by several families.
 
 A draw depends only on the seed, the stream, the heliostat and the sample. The counter-based generator Philox 4x64 [1]_
 uses the key (seed, stream) and a separate counter for each heliostat. A draw therefore does not depend on the chunks,

@@ -377,7 +377,8 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     Returns
     -------
     Layout
-        Layout in the order of the file. Titles of labels are converted to names (``Num. Facets`` to ``num_facets``).
+        Layout in the order of the file. Titles of label columns become names (``Num. Facets`` becomes
+        ``num_facets``).
 
     Raises
     ------

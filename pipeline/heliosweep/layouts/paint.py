@@ -378,9 +378,9 @@ class _Mirror(NamedTuple):
     canting_distance: float
     #: Distance of the mirror's surface from the pivot. [m]
     offset: float
-    #: Centres of the facets along width and height, shape (facets, 2). [m]
+    #: Coordinates of the facet centres along the width and the height of the mirror, shape (facets, 2). [m]
     centres: Floats
-    #: Slopes of the facets along width and height, shape (facets, 2). [1]
+    #: Slopes of the facets along the width and the height of the mirror, shape (facets, 2). [1]
     slopes: Floats
 
     def canting_error(self, distance: float) -> float:

@@ -164,8 +164,8 @@ def radial_stagger(
     rings : int, optional
         Number of rings in automatic zones.
     heliostats : int, optional
-        Number of heliostats in automatic zones. Surplus heliostats of the last ring are removed from south to north on
-        both sides. If only one heliostat of a pair is kept, the western heliostat is removed.
+        Number of heliostats in automatic zones. Surplus heliostats of the last ring are removed in east-west
+        pairs, starting from the south. If only one heliostat of a pair is kept, the western heliostat is removed.
     zones : sequence of Zone, optional
         Zones from the tower outwards, as in a study. Each zone starts at least one clearance beyond the last ring of
         the previous zone.

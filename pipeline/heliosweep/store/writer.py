@@ -24,7 +24,7 @@ from heliosweep.store.folder import DESCRIPTIONS, RESULT
 if TYPE_CHECKING:
     from heliosweep.config.blocks import Output
 
-    Blocks = Iterable[tuple[Piece, Mapping[Any, Any]]]  # each mapping has names and arrays, or is an xarray.Dataset
+    Blocks = Iterable[tuple[Piece, Mapping[Any, Any]]]  # each maps names to arrays
 
 _TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
 

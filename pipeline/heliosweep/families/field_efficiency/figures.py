@@ -87,7 +87,7 @@ def _sums(result: xr.Dataset) -> str:
     low, high = float(daylight.min()), float(daylight.max())
     hours = f"{low:,.0f} h" if high - low < 0.5 else f"{low:,.0f} to {high:,.0f} h"
     year = 4250.0 < low <= high < 4900.0  # daylight of a full year, including partly lit intervals [h]
-    return f"Sums over {hours} with the sun above the horizon, {'a full year' if year else 'less or more than a year'}."
+    return f"Sums over {hours} with the sun above the horizon, {'a full year' if year else 'which is not one year'}."
 
 
 _EFFICIENCIES = tuple(f"{name}_efficiency" for name in (

@@ -1,4 +1,4 @@
-"""Irradiation, energies and size of a field, and the values of its heliostats without optics.
+"""Irradiation, energy and size of a field, and results of its heliostats if the study has no `optics` block.
 
 The energy of a heliostat is
 

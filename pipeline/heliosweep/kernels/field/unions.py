@@ -321,8 +321,9 @@ def project_tower(
     in front of the axis. The shadow of this rectangle has a straight end, and its area equals the area of the
     cylinder's shadow. The tower is treated as if it had no lower end.
 
-    `base` is the vector from the centre of the test mirror to the foot of the tower [m]. The rectangle begins `low`
-    below this centre, and `tower` contains the radius and top height of the tower, all in m. The other parameters are
+    `base` is the vector from the centre of the test mirror to the foot of the tower [m]. The lower edge
+    of the rectangle is `low` below the centre of the test mirror [m]. `tower` contains the radius of the tower and the
+    height of its top [m]. The other parameters are
     as in `project`.
     """
     o, found, behind = m * IMAGE, np.int64(0), np.int64(0)
