@@ -1,8 +1,8 @@
 """Radial brightness of the sun and its aureole, represented by rings that each have a share of the light.
 
 A sun shape is the brightness B(r) as a function of the angle r from the sun's centre. A sun shape is stored as rings at
-Gauss-Legendre nodes; a ring of radius r contains the fraction 2 pi r B(r) dr of the light. The Buie sun shape [1]_ is a disc
-with a tail of scattered light, the aureole.
+Gauss-Legendre nodes. A ring of radius r contains the fraction 2 pi r B(r) dr of the light. The Buie sun shape [1]_ is
+a disc with a tail of scattered light, the aureole.
 
 References
 ----------
