@@ -212,8 +212,8 @@ def remove(path: Path) -> None:
 class _LibraryLock:
     """Reentrant lock for the NetCDF library. The lock can be pickled, and each process has one lock.
 
-    Only one thread at a time may call the library, even for different files. xarray acquires a lock that is passed to
-    it when it reads values, but not when it opens files or reads attributes.
+    Only one thread at a time may call the library, even for different files. When xarray reads values, it acquires
+    the lock that it was given, but it does not when it opens files or reads attributes.
     """
 
     def __init__(self) -> None:

@@ -78,7 +78,7 @@ def keys_of(block: type[Block], prefix: str = "") -> Iterator[Key]:
     """Yield each key of a block, followed by the keys of its nested blocks."""
     for name, field in block.model_fields.items():
         blocks = [] if block.parameter(name) else list(dict.fromkeys(_blocks(field.annotation)))
-        parameter, default = block.parameter(name), field.get_default()
+        parameter, default = block.parameter(name), None if field.default_factory else field.get_default()
         options, unit = getattr(parameter, "options", ()), getattr(parameter, "unit", "1").removeprefix("1")
         meaning = getattr(parameter, "purpose" if isinstance(parameter, Numbers) else "description", "")
         yield Key(

@@ -255,7 +255,7 @@ class Study(Block):
         return id_of(self.canonical())
 
     def resolved(self, place_of: Callable[[str], str] = str) -> dict[str, Any]:
-        """Return the study with all defaults as plain data, from which the same study can be loaded.
+        """Return the study as plain data with all defaults filled in. Loading this data gives the same study.
 
         Parameters
         ----------

@@ -380,7 +380,7 @@ def weather_of(study: Study) -> tuple[WeatherFile, ...]:
     Raises
     ------
     StudyError
-        If a file is invalid. The message lists all problems with their lines.
+        If a file is invalid. The message lists all problems with file and line.
     """
     block: Any = getattr(study, "weather", None)
     if block is None or block.file is None or study._weather:

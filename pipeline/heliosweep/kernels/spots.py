@@ -383,7 +383,7 @@ def canting_cotangent(
 def crossing_cotangent(
     sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Matrix, line: Vector
 ) -> tuple[float, float]:
-    """Return the first crossing of a line by the deviation curve of an axis in the mirror, for a fixed mirror centre.
+    """Return the minimum error about an axis in the mirror at which the spot is on a line, for a fixed mirror centre.
 
     The parameters are as in `canting_cotangent`. Returns the cotangent of the minimum |error| at which the spot is real
     and on the line, or -infinity if there is no such error, and the sign of this error.

@@ -29,8 +29,8 @@ import numpy as np
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import Stand
 
-#: Sines below this value are rounding errors.
-#: Two crossings count as one if their angular distance, seen from the mirror, is below this value.
+#: Sines below this value are rounding errors. Two crossings count as one if their angular distance, seen from the
+#: mirror, is below this value.
 _SAME = 1e-9
 
 
@@ -118,7 +118,7 @@ def crossings(mirror: Stand, sun: Floats, start: Floats, along: Floats, ends: Fl
         n = n[..., np.newaxis, np.newaxis, np.newaxis, :]
         v = c + place[..., np.newaxis] * along
         lean = dot(axis, _unit(v))
-        # rays exist on only one half of the cone
+        # the other half of the cone has no real rays
         place = np.where(np.abs(lean - k) <= np.abs(lean + k) + _SAME, place, np.nan)
         for _ in range(2):  # two Newton steps converge to rounding error
             v = c + place[..., np.newaxis] * along

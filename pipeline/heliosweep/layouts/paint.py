@@ -292,7 +292,7 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     Raises
     ------
     StudyError
-        If files are invalid. The message lists all problems with their lines.
+        If files are invalid. The message lists all problems with file and line.
     """
     folder = user_path(folder)
     files = _heliostat_files(folder)
@@ -448,7 +448,7 @@ def read_paint_spots(
     Raises
     ------
     StudyError
-        If files are invalid. The message lists all problems with their lines.
+        If files are invalid. The message lists all problems with file and line.
     """
     if evaluation not in EVALUATIONS:
         raise StudyError(Problem(f"unknown evaluation {evaluation!r}; use {' or '.join(EVALUATIONS)}"))

@@ -183,8 +183,8 @@ def radial_stagger(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. Each problem names its parameter as the key, such as
-        ``zones.1.pitch`` for the second zone.
+        If no field is possible with the parameters. The key of each problem is the name of the
+        parameter, such as ``zones.1.pitch`` for the second zone.
 
     Notes
     -----
@@ -393,7 +393,8 @@ def spiral(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. Each problem names its parameter as the key.
+        If no field is possible with the parameters. The key of each problem is the name of the
+        parameter.
     """
 
     def places(radius: float) -> Places:
@@ -448,7 +449,8 @@ def rows(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. Each problem names its parameter as the key.
+        If no field is possible with the parameters. The key of each problem is the name of the
+        parameter.
     """
     turn = math.radians(azimuth)
 

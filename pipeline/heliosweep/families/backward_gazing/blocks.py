@@ -272,7 +272,7 @@ class Defects(Block):
     canting: Annotated[
         dict[str, Annotated[Two, Numbers("Canting", "mrad", ("horizontal", "vertical"), ge=-100, le=100)]],
         Field(
-            description=("Canting by module number, counted from 1: [horizontal, vertical] slope of the normal, mrad")
+            description=("Canting by module number, counted from 1: [horizontal, vertical] slope of the module, mrad")
         ),
     ] = Field(default_factory=dict)
     canting_scale: Annotated[

@@ -83,14 +83,12 @@ KEYS = (
     "erosion",
 )  # fmt: skip
 
-Values = dict[str, Any]
-
 
 class Failure(Exception):
     """Raised if a point has no slopes; the argument is the value of `scene_status`."""
 
 
-def values_of(point: Point, known: Mapping[str, float]) -> Values:
+def values_of(point: Point, known: Mapping[str, float]) -> dict[str, Any]:
     """Return the values of `KEYS` at a point. Values in `known` have priority, and seeds without an effect are 0."""
     values = {key: known[key] if key in known else point[key] for key in KEYS}
     values = {key: one.item() if isinstance(one, np.generic) else one for key, one in values.items()}
@@ -104,7 +102,7 @@ def values_of(point: Point, known: Mapping[str, float]) -> Values:
     return values | {key: 0 for key, without in unused.items() if without}
 
 
-def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) -> Scene:
+def scene_of(values: dict[str, Any], positions: Iterable[tuple[float, float]] | None) -> Scene:
     """Return the positions of the sun, heliostat and cameras at a point. Raises Failure if they are impossible.
 
     `positions` contains the positions of the cameras in the target's plane [m]. If `positions` is None, the arrangement
@@ -124,7 +122,7 @@ def scene_of(values: Values, positions: Iterable[tuple[float, float]] | None) ->
         raise Failure(names.NOT_IDENTIFIABLE) from None
 
 
-def profile_of(values: Values, table: SunProfile | None, error: float = 0.0) -> Profile:
+def profile_of(values: dict[str, Any], table: SunProfile | None, error: float = 0.0) -> Profile:
     """Return the sun's profile, widened by the relative error `error`.
 
     Raises Failure if the edge of the profile is not darker than its centre.
@@ -216,7 +214,9 @@ def estimates(
     return made | by_axis("waviness_%", 1e3 * every["waviness"])
 
 
-def slopes_of(study: BackwardGazingStudy, values: Values, seen: Any, *more: str, fit_gain: bool | None = None) -> Found:
+def slopes_of(
+    study: BackwardGazingStudy, values: dict[str, Any], seen: Any, *more: str, fit_gain: bool | None = None
+) -> Found:
     """Estimate slopes from images with the methods that a study selects, and with the additional methods `more`."""
     rows, methods = tuple(map(REFERENTIALS.index, study.referential)), (*study.method, *more)
     return find_slopes(
@@ -233,7 +233,7 @@ def slopes_of(study: BackwardGazingStudy, values: Values, seen: Any, *more: str,
 
 
 def results(
-    study: BackwardGazingStudy, values: Values, seen: Any, slopes: Floats, counted: Floats,
+    study: BackwardGazingStudy, values: dict[str, Any], seen: Any, slopes: Floats, counted: Floats,
     deviations: Iterable[Floats | None], least: Floats, quality: Integers,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the variables that are common to simulated and measured images.
@@ -280,7 +280,7 @@ class Simulation:
         self.of_point, self.ideal = lru_cache(2)(self._of_point), lru_cache(2)(self._ideal)
         self.mirror = lru_cache(4)(lambda pixel: mirror_grid(self.modules, pixel))
 
-    def observe(self, values: Values) -> Any:
+    def observe(self, values: dict[str, Any]) -> Any:
         """Render the images at a point and estimate the slopes. Raises Failure if the images cannot determine slopes.
 
         The result is a namespace with these attributes: `layout`; `mirror`; `keep`, shape (N,), True for pixels that
@@ -323,14 +323,14 @@ class Simulation:
         seen.keep = eroded(mirror, int(values["erosion"]))
         return seen
 
-    def _with(self, values: Values) -> Any:
+    def _with(self, values: dict[str, Any]) -> Any:
         return SimpleNamespace(
             layout=scene_of(values, self.study.cameras.positions), sun=profile_of(values, self.table),
             profile=profile_of(values, self.table, values["profile_error"]), share=np.ones((1, 1)),
             mirror=self.mirror(values["heliostat.pixel"]), count=len(self.canting),
         )  # fmt: skip
 
-    def bound(self, seen: Any, values: Values, method: str | None = None) -> Floats:
+    def bound(self, seen: Any, values: dict[str, Any], method: str | None = None) -> Floats:
         """Return the Cramer-Rao bound of the slopes, shape (2, N); NaN if fewer than 3 cameras are lit. [rad]
 
         If the study sets `fit_gain`, the bound includes a fitted gain, unless `method` is A.
@@ -423,7 +423,7 @@ class Simulation:
         found |= by_axis("slope_rms_%", total) | by_axis("canting_rms_%", canting)
         return found | by_axis("cramer_rao_bound_%", bounds, 0)
 
-    def _wavy(self, mirror: MirrorGrid, values: Values) -> Floats | None:
+    def _wavy(self, mirror: MirrorGrid, values: dict[str, Any]) -> Floats | None:
         """Return the slopes due to waviness and to individual module curvatures, shape (2, N) [rad], or None."""
         rms, length, seed = (values[f"defects.{key}"] for key in ("waviness", "waviness_length", "seed"))
         wavy = views.waviness(mirror, 1e-3 * rms, length, int(seed)) if rms else None

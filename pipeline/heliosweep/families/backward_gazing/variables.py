@@ -89,7 +89,7 @@ _ESTIMATES = {
         "pointing_%_standard_error",
         OF_METHOD,
         "standard error of the % pointing",
-        "includes only the scatter of the modules that determine the median, and of the focal length",
+        "includes only the scatter of the module slopes behind the median, and the uncertainty of the focal length",
     ),
     "focal_length_estimate": quantity(OF_METHOD, "m", "focal length of the modules"),
     "focal_length_standard_error": quantity(
