@@ -57,8 +57,8 @@ def test_smoothing_is_a_gaussian_over_the_continued_profile():
         ([1.0, np.nan, 0.5], None, "3 finite"),
         ([1.0, -0.1, 0.0], None, "negative"),
         ([0.5, 0.6, 0.7], None, "darker"),
-        ([1.0, 0.9, 0.5], [0.0, 2e-3, 1e-3], "rise from 0"),
-        ([1.0, 0.9, 0.5], [1e-3, 2e-3, 3e-3], "rise from 0"),
+        ([1.0, 0.9, 0.5], [0.0, 2e-3, 1e-3], "increase from 0"),
+        ([1.0, 0.9, 0.5], [1e-3, 2e-3, 3e-3], "increase from 0"),
         ([1.0, 0.9, 0.5], [0.0, 2e-3], "equal numbers"),
     ],
 )
