@@ -131,6 +131,7 @@ def choose_aims(
             "`limit`: heliostat {} alone has the flux {:g} in cell {}; increase the limit".format(*problem)
         )
     count, images, mean = power.shape[1], _images(flux), max(float(power.max(axis=0).mean()), 1e-300)
+    # The field is summed in up to 8 parts of at least 32 heliostats.
     unit, parts = mean / limit, np.linspace(0, count, max(1, min(8, count // 32)) + 1).astype(int)
     share, loads = np.empty(power.shape), np.empty((len(parts) - 1, limit.size))
     scaled = price = np.zeros(limit.size)
@@ -146,19 +147,21 @@ def choose_aims(
 
     with ThreadPoolExecutor(threads or processors()) as pool:
         for smoothing in (3e-3, 3e-4, 3e-5, 3e-6, 3e-7):  # smoothing relative to the mean power of a heliostat
-            options = {"maxiter": 1000, "maxcor": 20, "ftol": smoothing * 0.5 * gap, "gtol": 1e-8}
+            tolerance = 0.5 * smoothing * gap  # of the dual function
+            options = {"maxiter": 1000, "maxcor": 20, "ftol": tolerance, "gtol": 1e-8}
             bounds, last = [(0.0, None)] * limit.size, bound
             scaled = minimize(smooth, scaled, (smoothing * mean,), "L-BFGS-B", True, bounds=bounds, options=options).x
             net = kernel.net_powers(power, images, scaled * unit)
             if (value := float(np.maximum(net.max(axis=0), 0.0).sum() + mean * scaled.sum())) < bound:
                 bound, price = value, scaled * unit
             smooth(scaled, smoothing * mean)
-            choice = _rounded(power, net, images, limit, share, loads.sum(axis=0), 2.0 * mean)
+            penalty = 2.0 * mean  # for an overload
+            choice = _rounded(power, net, images, limit, share, loads.sum(axis=0), penalty)
             if (total := _total(power, choice)) > best_power:
                 best, best_power = choice, total
             if best_power >= (1.0 - gap) * bound or last - bound < 0.2 * gap * bound:  # the bound hardly decreases
                 break
-    if power.size <= 200 and best_power < (1.0 - gap) * bound:
+    if power.size <= 200 and best_power < (1.0 - gap) * bound:  # small enough for branch and bound
         choice, value = _exact(power / mean, flux, limit)
         bound = min(bound, value * mean)
         if (total := _total(power, choice)) > best_power:
@@ -183,7 +186,7 @@ def _rounded(
     order = np.argsort(-share.max(axis=0), kind="stable")
     kernel.choose(order, net, images, limit, penalty, share, load, choice)
     while (load > limit * (1.0 + 2.0 * kernel.EXCESS)).any():
-        penalty *= 1.5
+        penalty *= 1.5  # until all limits are met
         kernel.choose(order, power, images, limit, penalty, share, load, choice)
     while kernel.choose(order, power, images, limit, np.inf, share, load, choice):
         order = np.argsort((share * power).sum(axis=0) - power.max(axis=0), kind="stable")
@@ -356,7 +359,7 @@ def limited_aims(
     found = choose_aims(power, flux, most, gap=gap, threads=threads)
     choice, least, reduced = found.choice, np.inf, most
     penalty = 10.0 * power.max(axis=0).mean()  # high, because few heliostats change their aim points
-    for _ in range(6):
+    for _ in range(6):  # at most, until a trace with 16 times the rays exceeds no limit by more than 0.5 %
         place = np.where(choice[:, np.newaxis] < 0, np.nan, points[choice, np.arange(count)])
         fine = aim_images(
             scene, sun, targets(scene, place)[np.newaxis], cells=cells, share=share, rays=16 * rays,

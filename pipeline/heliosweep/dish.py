@@ -221,21 +221,22 @@ def dish_intercept(
     if not (sizes > 0.0).all() or not np.isfinite(sizes).all() or diameter >= 4.0 * focal_length:
         raise ValueError("lengths and `spread` must be above 0, and `diameter` below four times the focal length")
     # Points are evenly spaced in area, and in the angle of the deviation from the meridian.
-    radius = 0.5 * diameter * np.sqrt((np.arange(1000) + 0.5) / 1000)[:, np.newaxis]
-    angle = 0.5 * np.pi * ((np.arange(200) + 0.5) / 200)
+    radius = 0.5 * diameter * np.sqrt(_middles(1000))[:, np.newaxis]
+    angle = 0.5 * np.pi * _middles(200)
     theta = 2.0 * np.arctan(0.5 * radius / focal_length)
     along = 2.0 * focal_length / (1.0 + np.cos(theta))
     limit = np.sort(aperture_radius / np.hypot(along / np.cos(theta) * np.cos(angle), along * np.sin(angle)), axis=None)
     width, wanted = 1e-3 * spread, np.abs(np.asarray(tracking_error, np.float64)) * 1e-3
+    tail = 6.0  # cut-off of the Gaussian, in standard deviations
     # With smaller errors, all light passes; with larger errors, no light passes.
-    low, high = max(0.0, limit[0] - 6.0 * width), limit[-1] + 6.0 * width
+    low, high = max(0.0, limit[0] - tail * width), limit[-1] + tail * width
     error = np.clip(wanted, low, high)
     high = min(high, max(float(np.nanmax(error, initial=low)), low + width))
     known = np.linspace(low, high, min(max(math.ceil(8.0 * (high - low) / width), 8), 2048) + 1)
     # Fraction of the mirror whose light passes at each deviation, as means over cells whose width is 1/128 of the
     # spread.
     cell = width / 128.0
-    first = np.floor(known / cell)[:, np.newaxis] + np.arange(-768.0, 769.0)
+    first = np.floor(known / cell)[:, np.newaxis] + np.arange(-128.0 * tail, 128.0 * tail + 1.0)
     edges = np.maximum(first * cell, 0.0)
     below, total = np.searchsorted(limit, edges), np.append(0.0, np.cumsum(limit))
     passing = np.diff(total[below] + edges * (limit.size - below)) / limit.size
@@ -248,6 +249,10 @@ def dish_intercept(
     if hasattr(labelled, "coords"):
         return labelled.copy(data=found).assign_attrs(units="1", long_name="intercept of the dish")
     return found if np.ndim(tracking_error) else float(found)
+
+
+def _middles(count: int) -> Floats:
+    return (np.arange(count) + 0.5) / count
 
 
 def window_factors(

@@ -914,10 +914,12 @@ class Quantity(Parameter):
 
     def _number(self, raw: Any) -> float:
         """Return one finite number in the canonical unit, without checking bounds."""
+        is_count = self.integer and self.unit == "1"
         if isinstance(raw, str):
             raw = parse(raw, self.unit)
+            if is_count:  # a count has no unit, not even %
+                raise Invalid("must be a whole number")
         elif isinstance(raw, bool) or not isinstance(raw, int | float):
-            is_count = self.integer and self.unit == "1"
             raise Invalid("must be a whole number" if is_count else f"must be {expected(self.unit)}")
         if not abs(raw) < 1e300:  # differences of larger numbers could overflow
             raise Invalid("must be a finite number")

@@ -767,7 +767,7 @@ def trace(
     # There are more parts than threads, so that all threads finish at nearly the same time.
     threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
-    parts = max(parts, (stop - start) // 64) if images else parts
+    parts = max(parts, (stop - start) // 64) if images else parts  # 64 heliostats with images at a time
     edges = np.linspace(start, stop, max(parts, 1) + 1).astype(int)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         flux, whole = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64), np.zeros((REPLICATES, instants, QUANTITIES))
@@ -878,11 +878,9 @@ def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
     errors = np.stack([np.broadcast_to(error, count) for error in scene.errors], axis=1)
     # For each mirror, the sun, specularity and slopes are rotated and the points are shifted.
     # No two mirrors therefore use the same rays.
-    shift = (
-        np.arange(1, count + 1)[:, np.newaxis]
-        * (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
-        + 0.5698402909980532 * seed
-    ) % 1.0
+    # Steps of the additive recurrence: powers of 1 / 1.2207.
+    steps = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
+    shift = (np.arange(1, count + 1)[:, np.newaxis] * steps + 0.5698402909980532 * seed) % 1.0
     angle = 2.0 * math.pi * shift[:, :3]
     spin = np.stack((np.cos(angle), np.sin(angle)), axis=2).reshape(count, 6)
     field = np.column_stack(

@@ -83,12 +83,9 @@ def write_report(
     noted: Any = partial(_noted, remarks, bool(manifest))
     compared = _comparison(place, study, result)
     names, script = family.headlines if family else (), ""
-    figures, made, plots, pictures = (
-        list[Figure](),
-        list[tables.Table](),
-        list[dict[str, str]](),
-        list[dict[str, Any]](),
-    )
+    # These stay empty if they cannot be made.
+    figures, made = list[Figure](), list[tables.Table]()
+    plots, pictures = list[dict[str, str]](), list[dict[str, Any]]()
     with noted("The figures"):
         figures = with_heat_map(result, (family.figures if family else default_figures)(result), names)
     if summary:

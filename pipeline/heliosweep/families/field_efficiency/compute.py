@@ -177,10 +177,11 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
     """Return the memory needed for neighbouring mirrors, values at all instants, and one heliostat block. [bytes]"""
     heliostats, instants = longest(study), _instants(study)
     each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
+    # The sums over the heliostats at an instant have 640 bytes.
     each += 2 * 640 * (KEPT * is_series_traced(study) or has_heat(study))
     block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * heliostats * instants)
     block += images(study, heliostats, instants)[1]
-    # If the sun is low, at most 5000 neighbouring mirrors shade a part of the field.
+    # If the sun is low, at most 5000 neighbouring mirrors shade a part of the field. A mirror has 200 bytes.
     return min(heliostats, 5000) * FRAME_BYTES + heliostats * 200 + each * instants + block
 
 
