@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -11,10 +10,9 @@ from typing import Any
 __version__ = "0.2.0"
 #: Module that defines each public name, as listed in `__init__.pyi`.
 _MODULES = {
-    alias.name: str(line.module)
-    for line in ast.parse(Path(__file__).with_suffix(".pyi").read_text()).body
-    if isinstance(line, ast.ImportFrom)
-    for alias in line.names
+    words[3]: words[1]
+    for words in map(str.split, Path(__file__).with_suffix(".pyi").read_text("utf-8").splitlines())
+    if words[:1] == ["from"]
 }
 __all__ = ["__version__", *sorted(_MODULES)]
 

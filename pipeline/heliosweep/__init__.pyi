@@ -1,4 +1,4 @@
-"""Public names and the modules that define them. `__init__.py` reads this file when the package is imported."""
+"""Public names and the modules that define them, one import a line, as `__init__.py` reads them at import."""
 
 from heliosweep.aiming import choose_aims as choose_aims
 from heliosweep.aiming import flux_limited_aims as flux_limited_aims
