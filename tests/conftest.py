@@ -3,6 +3,8 @@
 import signal
 import subprocess
 import sys
+import threading
+import warnings
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -37,6 +39,20 @@ SMALL: dict[str, Any] = {
 
 #: Folders whose tests call hardly any kernel: they run while another process compiles.
 NO_KERNELS = {"config", "layouts"}
+
+
+def _of_main_thread(set_filter: Callable[..., None]) -> Callable[..., None]:
+    """Threads share the filters of warnings, so one that is set in another thread may be lost: here it always is."""
+
+    def changed(action: str, *arguments: Any, **keywords: Any) -> None:
+        if action != "ignore" or threading.current_thread() is threading.main_thread():
+            set_filter(action, *arguments, **keywords)
+
+    return changed
+
+
+for name in ("filterwarnings", "simplefilter"):
+    setattr(warnings, name, _of_main_thread(getattr(warnings, name)))
 
 
 def pytest_sessionstart() -> None:

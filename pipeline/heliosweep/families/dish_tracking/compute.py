@@ -278,7 +278,8 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, Any]:
 def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.DataArray:
     """Return the label of the first minimum along `dim`; missing if there are no values."""
     known = values.notnull()
-    place = (values.where(known, np.inf) <= values.min(dim) + 1e-12).argmax(dim)  # despite rounding
+    filled = values.where(known, np.inf)
+    place = (filled <= filled.min(dim) + 1e-12).argmax(dim)  # despite rounding
     return xr.DataArray(labels[place], place.coords, place.dims).where(known.any(dim))
 
 

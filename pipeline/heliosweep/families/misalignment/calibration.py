@@ -39,7 +39,6 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, Setting
 from heliosweep.kernels.spots import mount_spots
 from heliosweep.kernels.traces import turned
-from heliosweep.lazy import pd
 from heliosweep.mounts import CALIBRATION_STATUS, LOSSES, error_changes
 
 Values = dict[str, NDArray[Any]]
@@ -512,7 +511,9 @@ def _deviations(mounts: Mounts, observed: Observed, found: Fit, parameters: int)
 
 def _medians(values: Floats) -> Floats:
     """Return the median of each row, ignoring NaN, shape (H, 1). The result is NaN if a row has no values."""
-    return np.asarray(pd.DataFrame(values).median(axis=1))[:, np.newaxis]
+    row, number = np.arange(len(values)), np.count_nonzero(~np.isnan(values), axis=1)
+    ordered = np.sort(values, axis=1)  # NaN last
+    return (0.5 * (ordered[row, (number - 1) // 2] + ordered[row, number // 2]))[:, np.newaxis]
 
 
 def _better_reading(
