@@ -11,7 +11,7 @@ from distributed import LocalCluster
 from heliosweep import api, sources
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.families import points
+from heliosweep.families.family import Family
 from heliosweep.store import folder as chunks
 from heliosweep.store import writer
 from tests.conftest import STUDIES
@@ -65,30 +65,30 @@ def test_workers_with_other_versions_are_refused(small, tmp_path, monkeypatch):
 
 
 def test_a_part_is_tried_twice(small, tmp_path, expected, monkeypatch):
-    known, calls = points.compute, []
+    known, calls = Family.compute, []
 
-    def failing(study: Any, work: Any, inputs: Any, region: Any) -> Any:
+    def failing(self: Family, study: Any, inputs: Any, region: Any) -> Any:
         calls.append(region)
         if len(calls) == 3:
             raise MemoryError
-        return known(study, work, inputs, region)
+        return known(self, study, inputs, region)
 
-    monkeypatch.setattr(points, "compute", failing)
+    monkeypatch.setattr(Family, "compute", failing)
     study = small(execution={"scheduler": "threads", "workers": 1, "chunks": CHUNKS})
     assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
     assert len(calls) == 9
 
 
 def test_parts_that_fail_are_named_and_the_others_are_stored(small, tmp_path, expected, monkeypatch, caplog):
-    known = points.compute
+    known = Family.compute
 
-    def failing(study: Any, work: Any, inputs: Any, region: Any) -> Any:
+    def failing(self: Family, study: Any, inputs: Any, region: Any) -> Any:
         if region["latitude"].start == 1 and region["heliostat"].start == 0:
             raise ZeroDivisionError("no sun")
-        return known(study, work, inputs, region)
+        return known(self, study, inputs, region)
 
     study = small(execution={"workers": 1, "chunks": CHUNKS})
-    monkeypatch.setattr(points, "compute", failing)
+    monkeypatch.setattr(Family, "compute", failing)
     with pytest.raises(HeliosweepError) as error:
         api.run(study, tmp_path / "out", report=False)
     assert str(error.value).startswith("2 of 8 chunks failed, each 2 times (6 stored): correct the cause")
@@ -100,11 +100,11 @@ def test_parts_that_fail_are_named_and_the_others_are_stored(small, tmp_path, ex
     assert "6 of 8 chunks done" in found.detail
     calls: list[Any] = []
 
-    def counted(study: Any, work: Any, inputs: Any, region: Any) -> Any:
+    def counted(self: Family, study: Any, inputs: Any, region: Any) -> Any:
         calls.append(region)
-        return known(study, work, inputs, region)
+        return known(self, study, inputs, region)
 
-    monkeypatch.setattr(points, "compute", counted)
+    monkeypatch.setattr(Family, "compute", counted)
     with caplog.at_level(logging.INFO, "heliosweep"):
         assert api.run(study, tmp_path / "out", report=False).path.read_bytes() == expected
     assert len(calls) == 2
@@ -159,13 +159,13 @@ def test_a_finished_result_is_found_and_a_forced_run_computes_it_again(small, tm
 
 def test_one_latitude_of_a_lazy_result_computes_one_latitude(monkeypatch):
     study = api.load(STUDIES / "chong2012_table2.yaml")
-    known, regions = points.compute, []
+    known, regions = Family.compute, []
 
-    def counted(study: Any, work: Any, inputs: Any, region: Any) -> Any:
+    def counted(self: Family, study: Any, inputs: Any, region: Any) -> Any:
         regions.append(region)
-        return known(study, work, inputs, region)
+        return known(self, study, inputs, region)
 
-    monkeypatch.setattr(points, "compute", counted)
+    monkeypatch.setattr(Family, "compute", counted)
     lazy = api.build(study)
     assert not regions
     one = lazy["field_optical_efficiency"].isel(latitude=0).compute(scheduler="synchronous")

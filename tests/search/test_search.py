@@ -157,7 +157,7 @@ def test_a_failing_generation_is_told_and_the_others_are_kept(tmp_path, monkeypa
     def failing(self: SearchRun, points: np.ndarray, *rest: Any) -> Any:
         calls.append(1)
         if len(calls) == 2:
-            monkeypatch.setattr("heliosweep.families.points.compute", broken)
+            monkeypatch.setattr("heliosweep.families.family.Family.compute", broken)
         return evaluated(self, points, *rest)
 
     def broken(*_: Any) -> None:

@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+import math
 import pkgutil
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+import numpy as np
+
 from heliosweep.errors import log
+from heliosweep.families.points import (
+    HELIOSTAT,
+    TIME,
+    Inputs,
+    Points,
+    count_instants,
+    inner_labels,
+    inner_sizes,
+    swept_variables,
+)
+from heliosweep.grid import Parameters, Workload, bytes_of, instants_of, of_kind, shape_of, sun_attributes
+from heliosweep.kernels.compiled import compilations
+from heliosweep.layouts.resolve import LayoutAxis
 from heliosweep.lazy import xr
 
 if TYPE_CHECKING:
     from heliosweep.config.study import Study
-    from heliosweep.grid.plan import Workload
     from heliosweep.grid.regions import Region, Variable
     from heliosweep.report.figures import Figure
     from heliosweep.report.tables import Table
@@ -168,7 +184,7 @@ class Family:
 
     def study_class(self) -> type[Study]:
         """Return the pydantic model of the study file."""
-        return cast("type[Study]", _resolved(self._study))
+        return cast("type[Study]", _declared(self._study))
 
     def example(self) -> str:
         """Return a commented example study file."""
@@ -180,18 +196,54 @@ class Family:
 
     def workload(self, study: Any) -> Workload:
         """Return the dimension sizes and the computational cost of a study."""
-        return _computed().workload(study, self.computation(study))
+        work = self.computation(study)
+        parameters, inner = Parameters(study).sizes, inner_sizes(study, work)
+        instants, length = inner.get(TIME) or count_instants(study, False), inner.get(work.split, 1)
+        values = bytes_of({name: one for name, one in work.variables.items() if TIME not in one.dims}, inner)
+        memory = work.memory() if callable(work.memory) else work.memory
+
+        def working_bytes(points: int, part: int) -> int:
+            held = memory * (points if work.arrays is not None else 1)
+            # A sun vector with its intermediate values needs 200 bytes.
+            fixed = 200 * instants + (work.fixed_memory() if work.fixed_memory else 0)
+            return fixed + math.ceil((2 * values * points + held) * part / length)
+
+        heliostats = inner.get(HELIOSTAT, 0)
+        return Workload(
+            parameters=parameters,
+            inner=inner,
+            evaluations=(work.evaluations() if callable(work.evaluations) else work.evaluations)
+            or instants * max(1, heliostats),
+            unit=work.unit,
+            working_bytes=working_bytes,
+            splittable=work.split,
+            whole=work.whole,
+            uncut=work.uncut,
+            coordinate_bytes=8 * (sum(inner.values()) + 6 * heliostats),  # memory for layout columns, with a margin
+            axes={"instants": instants} if TIME not in inner and instants > 1 else {},
+        )
 
     def variables(self, study: Any) -> dict[str, Variable]:
         """Return the variables of the result, in the order of the file."""
-        return _computed().variables(study, self.computation(study))
+        return swept_variables(study, self.computation(study))
 
     def coordinates(self, study: Any) -> xr.Dataset:
         """Return the coordinates of the whole result as a data set in memory.
 
         The attributes of this data set become global attributes of the result file.
         """
-        return _computed().coordinates(study, self.computation(study))
+        work, parameters = self.computation(study), Parameters(study)
+        labels: dict[str, Any] = dict(parameters.coordinates(work.labels))
+        inner = inner_sizes(study, work)
+        if HELIOSTAT in inner:
+            labels |= (work.layouts or LayoutAxis)(study).coordinates()
+        labels |= {dim: (dim, *one) for dim, one in inner_labels(work).items() if not isinstance(one, int)}
+        if TIME in inner:
+            labels |= instants_of(parameters).coordinates()
+        sun = sun_attributes(study.time) if getattr(study, "time", None) is not None else {}
+        labels |= {} if work.coordinates is None else work.coordinates()
+        mode, attrs = {"mode": work.mode} if work.mode else {}, work.attrs() if callable(work.attrs) else work.attrs
+        return xr.Dataset(coords=labels, attrs={**sun, **attrs, **mode})
 
     def prepare(self, study: Any) -> tuple[float, bool]:
         """Load or compile the kernels of a study by computing a small region of its result.
@@ -203,11 +255,21 @@ class Family:
         fresh : bool
             True if a kernel was compiled.
         """
-        return _computed().prepare(study, self.computation(study))
+        work, began, before = self.computation(study), time.perf_counter(), compilations()
+        if work.prepare is not None:
+            work.prepare()
+        else:
+            inputs, region = self.inputs(study), {dim: slice(0, 1) for dim in Parameters(study).sizes}
+            region |= {work.split: slice(0, 2)} if work.split else {}
+            for kind in dict.fromkeys(one.kind for one in work.variables.values()):
+                self.compute(study, inputs, {**region, TIME: slice(0, 1)} if kind == "series" else region)
+        return time.perf_counter() - began, compilations() > before
 
     def inputs(self, study: Any) -> Any:
         """Return the contents of the input files. Each file is read once, and its contents are sent to all workers."""
-        return _computed().inputs(study, self.computation(study))
+        work = self.computation(study)
+        of_field = any(HELIOSTAT in one.dims for one in work.variables.values())
+        return Inputs((work.layouts or LayoutAxis)(study) if of_field else None, work.inputs and work.inputs())
 
     def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
         """Compute the values in a region of the result.
@@ -228,11 +290,31 @@ class Family:
             dimension; other regions give the variables without ``time``. Values do not depend on the region in which
             they are computed.
         """
-        return _computed().compute(study, self.computation(study), inputs, region)
+        work = self.computation(study)
+        sizes = {**Parameters(study).sizes, **inner_sizes(study, work, inputs)}
+        wanted = of_kind(swept_variables(study, work), "series" if TIME in region else "points")
+        empty: Any = {"f": np.nan, "M": np.datetime64("NaT")}
+        arrays = {
+            name: np.full(
+                shape_of(one, region, sizes),
+                empty.get(one.dtype.kind, 0) if one.missing is None else one.missing,
+                one.dtype,
+            )
+            for name, one in wanted.items()
+        }
+        for point in Points(study, work, inputs, region):
+            for name, value in work.function(point).items():
+                if name in arrays:
+                    point.put(arrays[name], wanted[name], value)
+        return xr.Dataset({name: (wanted[name].dims, array) for name, array in arrays.items()})
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
         """Compute the `finished` variables of a region with complete points from the `computed` variables."""
-        return _computed().finish(study, self.computation(study), inputs, region, computed)
+        work = self.computation(study)
+        assert work.finish is not None
+        later = {name: one for name, one in swept_variables(study, work).items() if one.finished}
+        values = work.finish(Points(study, work, inputs, region), computed)
+        return xr.Dataset({name: (later[name].dims, array) for name, array in values.items() if name in later})
 
     def of_result(self, result: xr.Dataset) -> Family:
         """Return the family to use for a result. Subclasses may return a family with other headlines."""
@@ -263,18 +345,10 @@ def _named(name: str) -> Family:
     return families()[name]
 
 
-def _resolved(declared: Any) -> Any:
-    return pkgutil.resolve_name(declared) if isinstance(declared, str) else declared
-
-
-def _declared(declared: Any, of: Any) -> Any:
+def _declared(declared: Any, *of: Any) -> Any:
     """Return a declared object. If a function is declared, return its value for the study or result `of`."""
-    found = _resolved(declared)
-    return found(of) if callable(found) else found
-
-
-def _computed() -> Any:
-    return import_module("heliosweep.families.points")
+    found = pkgutil.resolve_name(declared) if isinstance(declared, str) else declared
+    return found(*of) if of and callable(found) else found
 
 
 class Found(Mapping[str, T]):
