@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from fractions import Fraction
@@ -1013,18 +1013,11 @@ class ListOfNumbers(Numbers):
 
         def another(item: tuple[int, Any]) -> tuple[float, ...]:
             position, entry = item[0], Numbers.read(self, item[1])
-            wrong = list(self.entry_faults(entry))
             if first.setdefault(entry, position) != position:
-                wrong.insert(0, Fault(f"is the same as entry {first[entry]} (counted from 0): remove one of them"))
-            if wrong:
-                raise Invalid(wrong)
+                raise Invalid(f"is the same as entry {first[entry]} (counted from 0): remove one of them")
             return entry
 
         return tuple(each(enumerate(raw), another))
-
-    def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
-        """Yield the faults of an entry whose individual numbers are valid."""
-        yield from ()
 
     def _one_schema(self) -> Schema:
         count = {"minItems": self.entries or 1} | ({} if self.entries is None else {"maxItems": self.entries})

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, SEEN
+from heliosweep.families.misalignment.calibration import NEITHER, NO_AZIMUTH, SEEN
 from heliosweep.families.misalignment.report import remarks
 from heliosweep.families.misalignment.study import ERRORS, MOUNTS
 from heliosweep.kernels.calibration import ESTIMATED

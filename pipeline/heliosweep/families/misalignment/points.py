@@ -46,9 +46,8 @@ _LABELS = (
 
 def computation(study: MisalignmentStudy) -> Computation:
     """Return the computation for the mode of a study, with the labels and dimensions common to all modes."""
-    declared = {"curves": "spots:curves_work", "mount_errors": "spots:mount_errors_work"}
-    place = declared.get(study.mode, f"{study.mode}:computation")
-    made: Computation = pkgutil.resolve_name(f"{__package__}.{place}")(study)
+    module = "spots" if study.mode in ("curves", "mount_errors") else "calibration"
+    made: Computation = pkgutil.resolve_name(f"{__package__}.{module}:{study.mode}_work")(study)
     fixed: Any = {"sun_position": "as given"} if study.time is None else {}
     return replace(
         made,

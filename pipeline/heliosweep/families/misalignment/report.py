@@ -21,9 +21,11 @@ from heliosweep.families.misalignment.calibration import (
     LARGEST_DEVIATION,
     LATER,
     MIRRORED,
+    NEITHER,
+    NO_AZIMUTH,
+    NO_ELEVATION,
     READINGS,
 )
-from heliosweep.families.misalignment.detectors import NEITHER, NO_AZIMUTH, NO_ELEVATION
 from heliosweep.grid.regions import BEST_VALUE
 from heliosweep.kernels import calibration as codes
 from heliosweep.kernels.mounts import BEHIND_FACE, BLIND_CONE, ERRORS, MISSES, NO_SUN, TOO_NEAR

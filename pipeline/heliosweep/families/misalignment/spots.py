@@ -124,7 +124,7 @@ def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
         for column, (key, unit) in zip(_lines(study).T, {"l0": "1", "l1": "1", "l2": "m"}.items(), strict=True)
         if column.size
     }
-    if (spots := study.measured_spots()) is not None:
+    for spots in study.campaigns().values():
         count = longest(study) if study.layout is not None else Positions(study).size
         table = spots.lists(np.arange(count), spots.position)
         for i, (side, where) in enumerate(SIDES.items()):

@@ -90,16 +90,6 @@ def _when(*rules: Rule) -> Iterator[Fault]:
 
 
 @dataclass(frozen=True)
-class Lines(ListOfNumbers):
-    """Lines ``l0 Y + l1 Z = l2`` on the receiver's plane."""
-
-    def entry_faults(self, entry: tuple[float, ...]) -> Iterator[Fault]:
-        """Check that the first two numbers, which give the normal of the line, are not both zero."""
-        if entry[0] == 0.0 and entry[1] == 0.0:
-            yield Fault("is not a line: the first two numbers must not both be zero")
-
-
-@dataclass(frozen=True)
 class Parameters(Quantity):
     """Number of estimated errors: 2, 4 or 6."""
 
@@ -326,7 +316,7 @@ class Detectors(Block):
 
     lines: Annotated[
         tuple[Triple, ...] | None,
-        Lines(
+        ListOfNumbers(
             "Infinite lines l0 Y + l1 Z = l2, with Y to the right and Z up, in m", ("1", "1", "m"), ("l0", "l1", "l2")
         ),
     ] = None
@@ -368,7 +358,7 @@ class Detectors(Block):
     condition_limit: Annotated[float | None, _LIMIT] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the block defines detectors, and that measured crossings are not combined with a closed loop."""
+        """Check lines and arrays, and that measured crossings are not combined with a closed loop."""
         arrays, pitch = self.arrays or (), 0.0 if self.pitch is None else max(ends(self.pitch))
         shortest = min((sum(itertools.starmap(math.dist, itertools.pairwise(one.points))) for one in arrays), default=0)
         message = "is only used for crossings of 'mount_errors', because a table has no commands: remove it"
@@ -380,6 +370,9 @@ class Detectors(Block):
             (arrays and pitch > shortest,
              fault(f"must be at most {shortest:.6g} m, the length of the shortest of 'arrays' (got {pitch:g})",
                    ("pitch",))),
+            *((not any(line[:2]),
+               Fault("is not a line: the first two numbers must not both be zero", ("lines", number)))
+              for number, line in enumerate(self.lines or ())),
             *((len(one.points) < 2,
                fault("must have at least two points, the ends of the line", ("arrays", number, "points")))
               for number, one in enumerate(arrays)),
@@ -734,10 +727,6 @@ class MisalignmentStudy(Study):
             message = "is missing, and is needed to compute the sun at the times of the spots: give it"
             raise StudyError(self.problem("site.longitude", f"{message}, or give sun vectors"))
         return found
-
-    def measured_spots(self) -> MeasuredSpots | None:
-        """Return the measured spots or crossings of the only campaign, or None. Raises StudyError."""
-        return next(iter(self.campaigns().values()), None)
 
 
 def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
