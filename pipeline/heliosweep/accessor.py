@@ -247,18 +247,11 @@ class HeliosweepAccessor:
         from heliosweep.report.comparison import compare, read_published
 
         table, result = read_published(user_path(published)), self._result
-        asked = {one.quantity for one in table.values} & set(map(str, result.data_vars))
+        asked = {*table.values["quantity"]} & set(map(str, result.data_vars))
         compared = compare(result.assign({name: result[name].compute() for name in asked}), table)
         columns = ("computed", "published", "difference", "tolerance", "unit", "agrees", "verdict")
-        return pd.DataFrame(
-            {
-                "claim": one.claim,
-                "quantity": one.quantity,
-                **one.where,
-                **{name: getattr(one, name) for name in columns},
-            }
-            for one in compared.values
-        )
+        values = compared.values[["claim", "quantity", *compared.coordinates, *columns]]
+        return values.astype({"published": float}).reset_index(drop=True)
 
     def to_frame(self, variables: str | Sequence[str] | None = None, *, units: bool = False) -> pd.DataFrame:
         """Return variables as a table; see `share.frames.to_frame`."""

@@ -7,17 +7,19 @@ import csv
 import io
 import re
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
+import pandas as pd
 import xarray as xr
 
 from heliosweep import api
 from heliosweep.api import open_result, result_folder
 from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
-from heliosweep.report.comparison import AGREES, DIFFERS, Compared, Comparison, compare, read_published
+from heliosweep.report.comparison import AGREES, DIFFERS, Compared, compare, judged, read_published
 from tests.literature.claims import Claim, chong2012, defieux2020, liu2022, misalignment2019
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -52,14 +54,16 @@ class Table:
         """Authors and year."""
         return re.split(r"(?<=\(\d{4}\))", self.table.source)[0]
 
-    def claim(self, one: Comparison) -> str:
-        """Return the place of a row in the paper; the end of the source for a table without claims."""
-        return one.claim or self.table.source.rpartition(", ")[2]
+    def stated(self) -> pd.DataFrame:
+        """Return the table as if its stated values were computed; claims are ends of the source if there are none."""
+        values = self.table.values
+        values = judged(values, values["stated_computed"].replace("", "nan").astype(float))
+        return values.assign(claim=values["claim"].replace("", self.table.source.rpartition(", ")[2]))
 
     def compared(self) -> Compared:
         """Compute the values of the table, and compare."""
         result = api.build(self.study)
-        used = {one.quantity for one in self.table.values}
+        used = {*self.table.values["quantity"]}
         return compare(result.assign(xr.Dataset({name: result[name] for name in used}).compute()), self.table)
 
 
@@ -95,11 +99,6 @@ def stale(study: str) -> list[str]:
     return [text for one in claims if (text := one.stale(result))]
 
 
-def stated(one: Comparison) -> Comparison:
-    """Return a comparison with the computed value that the table states."""
-    return replace(one, computed=float(one.stated_computed or "nan"))
-
-
 def update(path: Path, found: Compared) -> None:
     """Write computed values and verdicts into a table."""
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -107,10 +106,10 @@ def update(path: Path, found: Compared) -> None:
     names = next(csv.reader([lines[header]]))
     names += [name for name in ("computed", "verdict") if name not in names]
     rows = {header: dict(zip(names, names, strict=True))}
-    for one in found.values:
-        cells = dict(zip(names, [*next(csv.reader([lines[one.line - 1]])), "", ""], strict=False))
+    for number, one in zip(found.values.index, found.values.itertuples(), strict=True):
+        cells = dict(zip(names, [*next(csv.reader([lines[number - 1]])), "", ""], strict=False))
         computed = one.found.replace("\N{MINUS SIGN}", "-").replace(",", "")
-        rows[one.line - 1] = cells | {"computed": computed, "verdict": one.verdict}
+        rows[number - 1] = cells | {"computed": computed, "verdict": one.verdict}
     for number, cells in rows.items():
         buffer = io.StringIO()
         csv.writer(buffer, lineterminator="").writerow([cells[name] for name in names])
@@ -122,13 +121,8 @@ def index(found: list[Table]) -> str:
     """Return the index: for each paper a table of its figures, tables and claims."""
     parts = []
     for paper in dict.fromkeys([*(one.paper for one in found), *CLAIMS]):
-        rows = [
-            Row(of.claim(one), of.name, *_single(stated(one)))
-            for of in found
-            if of.paper == paper
-            for one in of.table.values
-        ]
-        values = {(of.claim(one), of.name): of for of in found if of.paper == paper for one in of.table.values}
+        ours = {of.name: of.stated() for of in found if of.paper == paper}
+        rows = [Row(one.claim, name, *_single(one)) for name, values in ours.items() for one in values.itertuples()]
         rows += [
             Row(one.text, one.study, [one.computed, one.printed, one.reason], one.verdict)
             for one in CLAIMS.get(paper, ())
@@ -138,8 +132,7 @@ def index(found: list[Table]) -> str:
         lines.append("|---|---|---|---|---|---|")
         for (claim, name), group in groupby(rows, key=lambda row: (row.claim, row.study)):
             ones = list(group)
-            of = values.get((claim, name))
-            plain = [stated(one) for one in of.table.values if of.claim(one) == claim] if of else []
+            plain = ours[name][ours[name]["claim"] == claim] if name in ours else pd.DataFrame()
             cells = [claim, f"`{name}`", *(_row(ones) if len(ones) == 1 else _several(ones, plain))]
             lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
         parts.append("\n".join(lines))
@@ -150,20 +143,20 @@ def _natural(text: str) -> list[tuple[int, str]]:
     return [(int(piece or 0), "") if piece.isdigit() else (0, piece) for piece in re.split(r"(\d+)", text)]
 
 
-def _single(one: Comparison) -> tuple[list[str], str]:
+def _single(one: Any) -> tuple[list[str], str]:
     unit = "" if one.unit in ("1", "") else " %" if one.unit == "percent" else f" {one.unit}"
     allowed = f"{one.tolerance:g}" if one.tolerance else ""
     far = f" by {abs(one.difference):.3g} {FAR.get(one.unit, one.unit)}".rstrip()
     verdict = one.stated_verdict + far * (one.stated_verdict == DIFFERS)
     reason = "; ".join(filter(None, [allowed, one.reason]))
-    return [f"{one.stated_computed}{unit}", f"{one.text}{unit}", reason], verdict
+    return [f"{one.stated_computed}{unit}", f"{one.published}{unit}", reason], verdict
 
 
 def _row(ones: list[Row]) -> list[str]:
     return [*ones[0].cells, ones[0].verdict]
 
 
-def _several(ones: list[Row], plain: list[Comparison]) -> list[str]:
+def _several(ones: list[Row], plain: pd.DataFrame) -> list[str]:
     """Return the cells of several rows of one claim."""
     verdicts = [one.verdict.partition(" by ")[0] for one in ones]
     agree = sum(verdict == AGREES for verdict in verdicts)
@@ -172,10 +165,10 @@ def _several(ones: list[Row], plain: list[Comparison]) -> list[str]:
     if len(ones) >= FEW:
         there = f"{len(ones)} values"
         here = Compared(plain, "").summary.rpartition("; ")[2] if len(plain) == len(ones) else f"{agree} agree"
-    if plain:
-        allowed = sorted({one.tolerance for one in plain} - {0.0})
+    if len(plain):
+        allowed = sorted({*plain["tolerance"]} - {0.0})
         ends = " to ".join(f"{end:g}" for end in dict.fromkeys([*allowed[:1], *allowed[-1:]]))
-        reasons = "; ".join(dict.fromkeys(filter(None, [ends, *(one.reason for one in plain)])))
+        reasons = "; ".join(dict.fromkeys(filter(None, [ends, *plain["reason"]])))
     return [here, there, reasons, verdict]
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +33,11 @@ _HOUSE = {
     **dict.fromkeys(("day", "days"), "d"),
     **dict.fromkeys(("hour", "hours"), "h"),
 }
-#: Columns of a stored comparison that are not coordinates.
-_WORDS: Any = ("claim", "reason", "stated_computed", "stated_verdict")
-_STORED = ("quantity", "published", "unit", "tolerance", "computed", "difference", "verdict", *_WORDS)
+#: Columns of a comparison that are not coordinates of the result. The last two columns are not stored.
+STORED = (
+    *("quantity", "published", "unit", "tolerance", "computed", "difference", "verdict", "claim", "reason"),
+    *("stated_computed", "stated_verdict", "found", "agrees"),
+)
 #: Columns of a table that are not coordinates of the result.
 _COLUMNS = {
     "quantity": Column("variable of the result", required=True),
@@ -52,143 +53,105 @@ _COLUMNS = {
 }
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Published number, and the computed value of the same quantity.
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Published numbers in the order of their table, and the computed values of the same quantities.
 
     Parameters
     ----------
-    quantity : str
-        Variable of the result.
-    where : dict of str to str
-        Coordinates as written in the table of published numbers.
-    computed : float
-        Computed value; NaN before `compare` is called. [`unit`]
-    published, tolerance : float
-        Published number and maximum difference. [`unit`]
-    unit : str
-        Unit, such as ``1``, ``percent``, ``deg``.
-    decimals : int
-        Number of decimals in the published number.
-    claim, reason : str
-        Figure, table or sentence of the publication, and reason for the tolerance.
-    stated_computed, stated_verdict : str
-        Computed value and verdict that the table states; empty strings if the table states none.
-    line : int
-        Number of the line in the table, counted from 1.
+    values : pandas.DataFrame
+        One row for each published number, with text, except in `tolerance` and in the columns that `judged` adds. The
+        index contains the line numbers. The columns ``stated_computed`` and ``stated_verdict`` contain the value and
+        the verdict that the table states. Columns that `STORED` does not list are coordinates of the result.
+    source : str
+        Source of the published numbers.
+    file : str
+        Name of the file in messages.
     """
 
-    quantity: str
-    where: dict[str, str]
-    computed: float
-    published: float
-    tolerance: float
-    unit: str
-    decimals: int
-    claim: str = ""
-    reason: str = ""
-    stated_computed: str = ""
-    stated_verdict: str = ""
-    line: int = field(default=0, compare=False)
-
-    @property
-    def text(self) -> str:
-        """Published number with its published decimals."""
-        return f"{self.published:.{self.decimals}f}"
-
-    @property
-    def difference(self) -> float:
-        """Computed value minus published number. [`unit`]"""
-        return self.computed - self.published
-
-    @property
-    def agrees(self) -> bool:
-        """True if the difference is within the tolerance; False if the computed value is missing."""
-        return abs(self.difference) <= self.tolerance + EDGE * max(abs(self.published), self.tolerance)
-
-    @property
-    def verdict(self) -> str:
-        """``agrees`` or ``does not agree``."""
-        return AGREES if self.agrees else DIFFERS
-
-    @property
-    def found(self) -> str:
-        """Computed value, formatted for readers."""
-        counts = math.ceil(-math.log10(self.tolerance)) if self.tolerance else 0
-        return number_text(self.computed, max(self.decimals, counts) + 1)
-
-    @property
-    def surprise(self) -> str:
-        """Message about a stated value or verdict that differs from this comparison, or an empty string."""
-        computed, verdict = self.stated_computed, self.stated_verdict
-        if verdict and verdict != self.verdict:
-            return f"the table states {verdict!r}, but it {self.verdict}"
-        if not computed:
-            return ""
-        mantissa, _, exponent = computed.lower().partition("e")
-        digits = len(mantissa.partition(".")[2])
-        same = abs(float(computed) - self.computed) <= 1.01 * 10.0 ** (int(exponent or 0) - digits)
-        return "" if same else f"the table states {computed} as computed, but the result has {self.found}"
-
-
-@dataclass(frozen=True)
-class Compared:
-    """Published numbers in the order of their table, their source, and the file name for messages."""
-
-    values: list[Comparison]
+    values: pd.DataFrame
     source: str
-    file: str = field(default="", compare=False)
+    file: str = ""
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of the coordinates in the table."""
+        return [str(name) for name in self.values if name not in STORED]
 
     @property
     def agrees(self) -> bool:
         """True if all computed values agree with the published numbers."""
-        return all(one.agrees for one in self.values)
+        return bool(self.values["agrees"].all())
 
     @property
     def explained(self) -> bool:
         """True if the table states a reason and the verdict for every value that does not agree."""
-        return all(one.reason and one.stated_verdict in ("", DIFFERS) for one in self.values if not one.agrees)
+        differ = self.values[~self.values["agrees"]]
+        return bool((differ["reason"].ne("") & differ["stated_verdict"].isin(("", DIFFERS))).all())
 
     @property
     def summary(self) -> str:
         """Line with the number of values that agree, and the maximum difference in each unit."""
-        largest = []
-        for unit in dict.fromkeys(one.unit for one in self.values):
-            differences = [abs(one.difference) for one in self.values if one.unit == unit]
-            most = max(filter(math.isfinite, differences), default=math.nan)
-            largest.append(
-                f"{most:.3f} percentage points" if unit == "percent" else f"{most:.3g} {unit}".removesuffix(" 1")
-            )
-        text = f"{sum(one.agrees for one in self.values)} of {len(self.values)} published values agree"
+        differences = self.values["difference"].abs().replace(math.inf, math.nan)
+        largest = [
+            f"{most:.3f} percentage points" if unit == "percent" else f"{most:.3g} {unit}".removesuffix(" 1")
+            for unit, most in differences.groupby(self.values["unit"], sort=False).max().items()
+        ]
+        text = f"{self.values['agrees'].sum()} of {len(self.values)} published values agree"
         text += ", the others are explained" * (not self.agrees and self.explained)
         return f"{text}; largest difference {' and '.join(largest)}" if largest else text
 
     @property
     def surprises(self) -> list[str]:
         """Messages about values and verdicts that differ from the values and verdicts in the table."""
-        return [
-            f"{one.claim or ' '.join([one.quantity, *one.where.values()])}: {one.surprise}"
-            for one in self.values
-            if one.surprise
-        ]
+        lines = []
+        for row in self.values.to_dict("records"):
+            stated, verdict = row["stated_computed"], row["stated_verdict"]
+            name = row["claim"] or " ".join(filter(None, (row["quantity"], *(row[key] for key in self.coordinates))))
+            if verdict not in ("", row["verdict"]):
+                lines.append(f"{name}: the table states {verdict!r}, but it {row['verdict']}")
+            elif stated and not abs(float(stated) - row["computed"]) <= 1.01 * 10.0 ** -_decimals(stated):
+                lines.append(f"{name}: the table states {stated} as computed, but the result has {row['found']}")
+        return lines
 
     def table(self, result: xr.Dataset) -> tables.Table:
         """Return a table for readers with one row for each published number."""
-        names = [*dict.fromkeys(name for one in self.values for name in one.where)]
-        labels = [axis_label(result[name]) if name in result.coords else name for name in names]
-        last = ("computed", "published", "difference", "tolerance", "unit", "reason", "verdict")
-        rows = [
-            (
-                *(one.claim, one.quantity.replace("_", " "), *(one.where.get(name, "") for name in names)),
-                *(one.found, one.text, number_text(one.difference, one.decimals + 1, True), f"{one.tolerance:g}"),
-                *("%" if one.unit == "percent" else one.unit, one.reason, one.verdict),
-            )
-            for one in self.values
-        ]
-        columns = tables.columns_of(("claim", "quantity", *labels, *last), rows)
+        labels = {name: axis_label(result[name]) if name in result.coords else name for name in self.coordinates}
+        heads = {"claim": "claim", "quantity": "quantity", **labels, "found": "computed"}
+        heads |= {name: name for name in ("published", "difference", "tolerance", "unit", "reason", "verdict")}
+        texts = self.values.assign(
+            quantity=self.values["quantity"].str.replace("_", " "),
+            difference=[
+                number_text(difference, max(_decimals(text), 0) + 1, True)
+                for difference, text in zip(self.values["difference"], self.values["published"], strict=True)
+            ],
+            tolerance=self.values["tolerance"].map("{:g}".format),
+            unit=self.values["unit"].replace("percent", "%"),
+        )
+        columns = tables.columns_of([*heads.values()], texts[[*heads]].to_numpy().tolist())
         note = "Difference: computed minus published, in percentage points if the unit is %."
-        classes = [AGREES if one.agrees else "differs" for one in self.values]
+        classes = [AGREES if agrees else "differs" for agrees in self.values["agrees"]]
         return tables.Table("Computed and published", columns, [note], classes=classes)
+
+
+def _decimals(text: str) -> int:
+    """Return the number of decimals in a number; negative if the last digit is not printed."""
+    mantissa, _, exponent = text.lower().partition("e")
+    return len(mantissa.partition(".")[2]) - int(exponent or 0)
+
+
+def judged(values: pd.DataFrame, computed: Iterable[float]) -> pd.DataFrame:
+    """Return published numbers with computed values, formatted values (`found`), differences and verdicts."""
+    values = values.assign(computed=np.array([*computed], dtype=float))
+    published, tolerance = values["published"].astype(float), values["tolerance"]
+    difference = values["computed"] - published
+    agrees = difference.abs() <= tolerance + EDGE * np.maximum(published.abs(), tolerance)
+    decimals = [
+        max(0, _decimals(text), math.ceil(-math.log10(limit)) if limit else 0)
+        for text, limit in zip(values["published"], tolerance, strict=True)
+    ]
+    found = [number_text(value, 1 + count) for value, count in zip(values["computed"], decimals, strict=True)]
+    return values.assign(found=found, difference=difference, agrees=agrees, verdict=np.where(agrees, AGREES, DIFFERS))
 
 
 def read_published(path: Path, source: str = "", name: str = "") -> Compared:
@@ -218,45 +181,24 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
     for position, key in enumerate(table.header):
         if key not in _COLUMNS and key in table.header[:position]:
             table.add(f"has two columns {key!r}; remove one", HEADER, position)
-    texts = {key: table.texts(key) for key in table.header}
-    numbers = {key: table.column(key) for key in ("published", "tolerance")}
-    values = []
-    for row, line in enumerate(table.lines.tolist()):
-        cells = {key: column[row] for key, column in texts.items()}
-        for key in ("quantity", "unit"):
-            if not cells[key]:
-                table.add(f"{key} is empty", row, key)
-        if (verdict := cells.get("verdict", "")) not in ("", *VERDICTS):
-            table.add(f"verdict must be {one_of(VERDICTS)} (got {verdict[:40]!r})", row, "verdict")
-        published, tolerance = (float(numbers[key][row]) for key in ("published", "tolerance"))
-        values.append(_comparison(cells, math.nan, published, tolerance, ("computed", "verdict"), line))
+    values = pd.DataFrame({key: table.texts(key) for key in table.header}, index=table.lines)
+    values = values.reindex(columns=[*dict.fromkeys([*values, *_COLUMNS])], fill_value="")
+    for key in ("quantity", "unit"):
+        for row in np.flatnonzero(values[key] == ""):
+            table.add(f"{key} is empty", row, key)
+    for row in np.flatnonzero(~values["verdict"].isin(("", *VERDICTS))):
+        table.add(f"verdict must be {one_of(VERDICTS)} (got {values['verdict'].iloc[row][:40]!r})", row, "verdict")
+    table.column("published")
+    values["tolerance"] = table.column("tolerance")
     table.finish()
-    return Compared(values, source, file)
-
-
-def _comparison(
-    cells: Mapping[str, str],
-    computed: float,
-    published: float,
-    tolerance: float,
-    stated: tuple[str, str] = _WORDS[2:],
-    line: int = 0,
-) -> Comparison:
-    """Return the entry for one row of the table. `stated` names the columns with the stated values."""
-    where = {key: cell for key, cell in cells.items() if key not in {*_COLUMNS, *_STORED} and cell}
-    decimals = len(cells["published"].lower().partition("e")[0].partition(".")[2])
-    words: Any = {key: cells.get(name, "") for key, name in zip(_WORDS, (*_WORDS[:2], *stated), strict=True)}
-    return Comparison(
-        cells["quantity"], where, computed, published, tolerance, cells["unit"], decimals, **words, line=line
-    )
+    return Compared(values.rename(columns={key: f"stated_{key}" for key in ("computed", "verdict")}), source, file)
 
 
 def compare(result: xr.Dataset, table: Compared) -> Compared:
     """Compare published numbers with a result. Raises StudyError as `locate` does."""
-    values = []
-    for one, (point, scale) in zip(table.values, locate(result, table), strict=True):
-        values.append(replace(one, computed=float(result[one.quantity].isel(point)) * scale))
-    return replace(table, values=values)
+    places = zip(table.values["quantity"], locate(result, table), strict=True)
+    computed = (float(result[name].isel(point)) * scale for name, (point, scale) in places)
+    return replace(table, values=judged(table.values, computed))
 
 
 def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], float]]:
@@ -268,37 +210,38 @@ def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], fl
         If a quantity or coordinate does not exist or is missing. The message lists every problem with its line number.
     """
     found, problems = [], []
-    for one in table.values:
+    for line, row in table.values.to_dict("index").items():
+        labels = {name: row[name] for name in table.coordinates if row[name]}
         try:
-            found.append(_locate(result, one))
+            found.append(_locate(result, row["quantity"], row["unit"], labels))
         except ValueError as error:
-            problems.append(Problem(str(error), file=table.file, line=one.line))
+            problems.append(Problem(str(error), file=table.file, line=line))
     if problems:
         raise StudyError(problems)
     return found
 
 
-def _locate(result: xr.Dataset, one: Comparison) -> tuple[dict[str, int], float]:
-    if one.quantity not in result.data_vars:
-        raise ValueError(f"unknown quantity {one.quantity!r}{_hint(one.quantity, result.data_vars)}")
-    array = result[one.quantity]
+def _locate(result: xr.Dataset, quantity: str, unit: str, labels: Mapping[str, str]) -> tuple[dict[str, int], float]:
+    if quantity not in result.data_vars:
+        raise ValueError(f"unknown quantity {quantity!r}{_hint(quantity, result.data_vars)}")
+    array = result[quantity]
     if array.dtype.kind not in "fiub":
-        raise ValueError(f"{one.quantity} is not numeric; compare dates and text in Python")
+        raise ValueError(f"{quantity} is not numeric; compare dates and text in Python")
     masks = {str(dim): np.ones(size, dtype=bool) for dim, size in array.sizes.items()}
-    for name, text in one.where.items():
+    for name, text in labels.items():
         same = _labelled(result, array, name, text)
         if same.ndim:
             masks[str(result[name].dims[0])] &= same
     for dim, mask in masks.items():
         if mask.sum() > 1:
-            raise ValueError(f"{dim!r} is missing: {one.quantity} has {mask.sum()} values along it")
+            raise ValueError(f"{dim!r} is missing: {quantity} has {mask.sum()} values along it")
         if not mask.any():
-            raise ValueError(f"no point of {one.quantity} has all of {one.where}")
-    unit = str(array.attrs.get("units", "1"))
+            raise ValueError(f"no point of {quantity} has all of {labels}")
+    own = str(array.attrs.get("units", "1"))
     try:
-        scale = 1.0 if unit == one.unit else factor(_HOUSE.get(unit, unit), _HOUSE.get(one.unit, one.unit))
+        scale = 1.0 if own == unit else factor(_HOUSE.get(own, own), _HOUSE.get(unit, unit))
     except ValueError:
-        raise ValueError(f"{one.quantity} is in {unit}, which cannot be converted to {one.unit!r}") from None
+        raise ValueError(f"{quantity} is in {own}, which cannot be converted to {unit!r}") from None
     return {dim: int(np.argmax(mask)) for dim, mask in masks.items()}, scale
 
 
@@ -334,13 +277,9 @@ def _hint(name: str, known: Iterable[Any]) -> str:
 
 def comparison_csv(compared: Compared) -> str:
     """Return a comparison as the text of the file ``comparison.csv``, with all digits."""
-    empty = dict.fromkeys([*(name for one in compared.values for name in one.where), *_STORED], "")
-    rows = [
-        {**empty, **one.where, **{key: getattr(one, key) for key in _STORED}, "published": one.text}
-        for one in compared.values
-    ]
     notes = "".join(f"# {line}\n" for line in compared.source.splitlines())
-    return notes + pd.DataFrame(rows, columns=[*empty]).to_csv(index=False, lineterminator="\n", na_rep="nan")
+    values = compared.values[[*compared.coordinates, *STORED[:-2]]]
+    return notes + values.to_csv(index=False, lineterminator="\n", na_rep="nan")
 
 
 def read_comparison(path: Path) -> Compared:
@@ -348,11 +287,9 @@ def read_comparison(path: Path) -> Compared:
     lines = path.read_text(encoding="utf-8").splitlines()
     source = [line[1:].strip() for line in lines if line.startswith("#")]
     try:
-        values = [
-            _comparison(row, float(row["computed"]), float(row["published"]), float(row["tolerance"]))
-            for row in csv.DictReader(lines[len(source) :])
-        ]
-    except (AttributeError, KeyError, TypeError, ValueError):
+        values = pd.read_csv(path, skiprows=len(source), dtype=str, keep_default_na=False)
+        values = judged(values.astype({"tolerance": float}), values["computed"].astype(float))
+        return Compared(values[[*values.columns.difference(STORED, sort=False), *STORED]], "\n".join(source))
+    except (KeyError, ValueError):
         message = "is not a comparison written by heliosweep; remove it, or run the study again"
         raise StudyError(Problem(message, file=str(path))) from None
-    return Compared(values, "\n".join(source))
