@@ -57,7 +57,6 @@ from heliosweep.mounts import error_changes as error_changes
 from heliosweep.mounts import mount_angles as mount_angles
 from heliosweep.mounts import mount_spots as mount_spots
 from heliosweep.share.archive import pack_result as pack_result
-from heliosweep.share.electricity import tower_electricity as tower_electricity
 from heliosweep.share.fields import layout_of as layout_of
 from heliosweep.share.fields import read_layout as read_layout
 from heliosweep.share.fields import write_corrections as write_corrections
@@ -67,6 +66,7 @@ from heliosweep.share.fields import write_paint_study as write_paint_study
 from heliosweep.share.frames import to_frame as to_frame
 from heliosweep.share.frames import write_csv as write_csv
 from heliosweep.share.frames import write_xlsx as write_xlsx
+from heliosweep.share.sam import tower_electricity as tower_electricity
 from heliosweep.share.sam import write_table as write_table
 from heliosweep.share.weather import download_weather as download_weather
 from heliosweep.sun import horizon_elevation as horizon_elevation

@@ -19,8 +19,7 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.files import user_path
 from heliosweep.lazy import pd
 from heliosweep.report.comparison import FILE as COMPARISON
-from heliosweep.report.context import Context, axis_label
-from heliosweep.report.figures import Curves, Figure, Maps
+from heliosweep.report.figures import Context, Curves, Figure, Maps, axis_label
 from heliosweep.share import frames, sam
 from heliosweep.share.fields import chosen, label
 

@@ -20,8 +20,7 @@ from heliosweep.grid.plan import Plan, Work
 from heliosweep.grid.plan import build as build_lazily
 from heliosweep.lazy import xr
 from heliosweep.runs.run import Run, plan_study, timed_plan
-from heliosweep.runs.search import SearchRun
-from heliosweep.store import read
+from heliosweep.store import folder as stored
 from heliosweep.store.folder import (
     OUTPUTS,
     Status,
@@ -34,7 +33,7 @@ from heliosweep.store.folder import (
     status_of,
     target_file,
 )
-from heliosweep.store.manifest import words_of
+from heliosweep.store.writer import words_of
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
@@ -95,7 +94,7 @@ class Result:
         """Return the title, dimensions, headline numbers and page of the result as text, one item per line."""
         from heliosweep.report.tables import summary
 
-        with read.open_result(self.path) as data:
+        with stored.open_result(self.path) as data:
             family = family_of_result(data)
             lines = [*summary(data, family.headlines if family else ()), *(family.answers(data) if family else ())]
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
@@ -147,7 +146,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
 
-    result = read.open_result(path)
+    result = stored.open_result(path)
     names = result.coords.get("name")
     if names is not None and names.ndim == 1 and len(set(names.to_numpy().tolist())) == names.size:
         named = result.set_xindex("name")
@@ -366,14 +365,18 @@ def run(
 def _list(folder: Path) -> None:
     """Add a result folder to the index of all studies, if the folder is in ``outputs``."""
     if folder.absolute().parent.name == OUTPUTS:
-        from heliosweep.report.several import update_index
+        from heliosweep.report.page import update_index
 
         update_index(folder)
 
 
 def _run_of(study: Study, folder: Path) -> Run:
     family = family_of(study)
-    return SearchRun(family, study, folder) if isinstance(family, Searched) else Run(family, study, folder)
+    if isinstance(family, Searched):
+        from heliosweep.runs.search import SearchRun
+
+        return SearchRun(family, study, folder)
+    return Run(family, study, folder)
 
 
 def status(*of: str | os.PathLike[str]) -> list[Status]:
@@ -445,7 +448,7 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
         If the result is damaged.
     """
     folder = user_path(folder)
-    read.check_digest(read.locate(folder))
+    stored.check_digest(stored.locate(folder))
     page = _report(folder, vector=vector, summary=summary)
     if not summary:
         _list(folder)
@@ -456,7 +459,7 @@ def _report(folder: Path, study: Study | None = None, **options: Any) -> Path:
     try:
         from heliosweep.report.page import write_report
 
-        with read.open_result(folder) as result:
+        with stored.open_result(folder) as result:
             return write_report(result, folder, family_of_result(result), study, **options)
     except HeliosweepError:
         raise
@@ -576,16 +579,16 @@ def comparison_page(
     >>> heliosweep.comparison_page(["result", "other"], "comparison.html").name
     'comparison.html'
     """
-    from heliosweep.report.several import Compared, write_comparison
+    from heliosweep.report.page import write_comparison
 
     file = target_file(page, force, endings=(".html",), sources=results)
     for place in results:
-        read.check_digest(read.locate(place))
+        stored.check_digest(stored.locate(place))
     with ExitStack() as opened:
         compared = []
         for place in map(user_path, results):
             result = opened.enter_context(open_result(place))
-            compared.append(Compared(place, result, family_of_result(result)))
+            compared.append((place, result, family_of_result(result)))
         return write_comparison(compared, file)
 
 
@@ -708,21 +711,21 @@ def plant_electricity(
     >>> year.electric_power.sizes["time"]
     8760
     """
-    from heliosweep.share import electricity, fields
+    from heliosweep.share import fields, sam
 
-    load_extra(*electricity.EXTRA)
+    load_extra(*sam.EXTRA)
     folder = folder_of(source, there=True)
     study = load(folder / "study.resolved.yaml")
     sun = ({"start": 0, "stop": 360, "step": 30}, {"start": 5, "stop": 85, "step": 10})
 
     def chosen(result: xr.Dataset, left: Mapping[str, Any]) -> xr.Dataset:
-        swept, field = {dim.name for dim in study.dimensions()}, result[electricity.FIELD]
+        swept, field = {dim.name for dim in study.dimensions()}, result[sam.FIELD]
         return fields.chosen(field, left, [str(dim) for dim in field.dims if dim not in swept]).compute()
 
     with open_result(folder) as result:
-        return electricity.electricity_of(
+        return sam.electricity_of(
             study, result, select or {}, inputs or {},
-            lambda: _at_directions(folder, select, *sun, chosen, electricity.OUTPUT),
+            lambda: _at_directions(folder, select, *sun, chosen, sam.OUTPUT),
         )  # fmt: skip
 
 
@@ -744,7 +747,7 @@ def _at_directions(
 
     asked, kept = azimuth is not None or elevation is not None, dict[str, Any]()
     if not isinstance(source, Study) and (folder := folder_of(source)).is_dir():
-        read.check_digest(read.locate(folder))
+        stored.check_digest(stored.locate(folder))
         with open_result(folder) as result:
             if "sun_azimuth" in result.coords and not asked:
                 return made(result, select or {})

@@ -23,8 +23,7 @@ from heliosweep.families.family import families
 from heliosweep.files import user_path, written_whole
 from heliosweep.runs.run import plan_text
 from heliosweep.share import guide
-from heliosweep.store.folder import OUTPUTS, sources_of, status_lines, target_file
-from heliosweep.store.read import check_digest, locate, verify
+from heliosweep.store.folder import OUTPUTS, check_digest, locate, sources_of, status_lines, target_file, verify
 
 #: Suffixes of the table files that `_export` can write.
 _TABLES = (".csv", ".xlsx")

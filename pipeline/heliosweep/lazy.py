@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__all__ = ["pd", "pvlib", "scipy", "shapely", "xr"]
+__all__ = ["netCDF4", "pd", "pvlib", "scipy", "shapely", "xr"]
 
 
 class _Lazy:
@@ -19,10 +19,11 @@ class _Lazy:
 
 
 if TYPE_CHECKING:
+    import netCDF4
     import pandas as pd
     import pvlib
     import scipy
     import shapely
     import xarray as xr
 else:
-    pd, pvlib, scipy, shapely, xr = map(_Lazy, ("pandas", "pvlib", "scipy", "shapely", "xarray"))
+    netCDF4, pd, pvlib, scipy, shapely, xr = map(_Lazy, ("netCDF4", "pandas", "pvlib", "scipy", "shapely", "xarray"))

@@ -9,7 +9,7 @@ import pytest
 from heliosweep import api
 from heliosweep.errors import PlanError
 from heliosweep.kernels.mounts import ERRORS
-from heliosweep.store.read import result_digest
+from heliosweep.store.folder import result_digest
 from tests.conftest import SMALL
 from tests.families.backward_gazing.test_field import SMALL as GAZING_FIELD
 from tests.families.backward_gazing.test_study import SMALL as GAZING

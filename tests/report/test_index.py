@@ -4,8 +4,7 @@ import json
 
 from heliosweep.families.lookup import family_of_result
 from heliosweep.grid.regions import Cut
-from heliosweep.report.page import digest
-from heliosweep.report.several import studies_in, update_index, write_index
+from heliosweep.report.page import digest, studies_in, update_index, write_index
 from heliosweep.store.folder import ChunkStore
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page, published, study, write_report

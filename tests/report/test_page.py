@@ -11,7 +11,7 @@ import pytest
 from heliosweep.cli import main
 from heliosweep.families.lookup import family_of_result
 from heliosweep.report import page
-from heliosweep.store.read import open_result, result_digest
+from heliosweep.store.folder import open_result, result_digest
 from tests.report.synthetic import BOTH, result
 
 _NONE = {"study_class": lambda: None, **dict.fromkeys(("figures", "tables", "answers"), lambda _: ())}

@@ -137,7 +137,7 @@ def test_parts_of_other_code_are_never_used(small, tmp_path, monkeypatch):
         api.run(study, tmp_path / "out", report=False)
     (before,) = (tmp_path / "out").glob("chunks-*")
     known = sources.code_versions("heliosweep")
-    monkeypatch.setattr("heliosweep.store.manifest.code_versions", lambda *_: {**known, "numpy": "1.0"})
+    monkeypatch.setattr("heliosweep.store.writer.code_versions", lambda *_: {**known, "numpy": "1.0"})
     with pytest.raises(HeliosweepError):
         api.run(study, tmp_path / "out", report=False)
     assert len([*(tmp_path / "out").glob("chunks-*")]) == 2

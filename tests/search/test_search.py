@@ -14,8 +14,7 @@ from heliosweep.config.study import Study
 from heliosweep.errors import HeliosweepError
 from heliosweep.runs.search import SearchRun
 from heliosweep.search.result import best_of, remarks
-from heliosweep.store.folder import status_of
-from heliosweep.store.read import verify
+from heliosweep.store.folder import status_of, verify
 from tests import bad_studies
 from tests.conftest import SMALL
 

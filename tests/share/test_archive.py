@@ -14,7 +14,7 @@ from heliosweep import api
 from heliosweep.cli import main
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.share.archive import pack_result
-from heliosweep.store.read import verify
+from heliosweep.store.folder import verify
 from tests.conftest import STUDIES
 
 #: Shipped studies that name files, by family and mode; and what archives of them must hold.

@@ -12,8 +12,7 @@ from heliosweep.config.blocks import Output
 from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.grid.regions import Cut, Variable, blocks_of
 from heliosweep.store.compare import compare
-from heliosweep.store.folder import ChunkStore, check_contents, target_file, unfinished
-from heliosweep.store.read import open_result, verify
+from heliosweep.store.folder import ChunkStore, check_contents, open_result, target_file, unfinished, verify
 from heliosweep.store.writer import Template, write_result
 
 SIZES = {"latitude": 3, "time": 10, "heliostat": 7}

@@ -16,7 +16,7 @@ import xarray as xr
 from heliosweep.config import HEADER, Column, did_you_mean, factor, one_of, read_table
 from heliosweep.errors import Problem, StudyError
 from heliosweep.report import tables
-from heliosweep.report.context import axis_label, number_text
+from heliosweep.report.figures import axis_label, number_text
 
 #: Name of the comparison file in a result folder.
 FILE = "comparison.csv"

@@ -10,8 +10,19 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.context import Context, at, capital, head_of, is_fraction, quantities, title_of, unit_of
-from heliosweep.report.figures import Curves, Figure, default_figures
+from heliosweep.report.figures import (
+    Context,
+    Curves,
+    Figure,
+    at,
+    capital,
+    default_figures,
+    head_of,
+    is_fraction,
+    quantities,
+    title_of,
+    unit_of,
+)
 from heliosweep.report.tables import Table, columns_of, number_texts, numbers
 
 SAMPLE, PARAMETER = "sample", "parameter"

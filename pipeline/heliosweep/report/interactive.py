@@ -31,34 +31,32 @@ from bokeh.plotting import figure as bokeh_figure
 from bokeh.resources import Resources
 from bokeh.themes import Theme
 
-from heliosweep.report.context import (
-    Context,
-    aperture,
-    areas,
-    axis_label,
-    capital,
-    fold,
-    is_geometric,
-    is_signed,
-    mirrors,
-    printed,
-    title_of,
-    unit_of,
-)
 from heliosweep.report.figures import (
     COLOURS,
     HELIOSTAT,
     NO_VALUE,
+    Context,
     Curves,
     Figure,
     Maps,
     Planes,
     Rasters,
+    aperture,
+    areas,
     axes_of,
+    axis_label,
+    capital,
+    fold,
+    is_geometric,
     is_joined,
     is_ordered,
+    is_signed,
+    mirrors,
     preferred,
     prepared,
+    printed,
+    title_of,
+    unit_of,
 )
 
 #: Maximum number of plots on a page, and maximum number of values, of variables and of lines in a plot.

@@ -13,7 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from heliosweep.grid.regions import BEST_VALUE, LARGEST, SMALLEST
-from heliosweep.report.context import (
+from heliosweep.report.figures import (
     DEGREE,
     MINUS,
     NO_BREAK_SPACE,

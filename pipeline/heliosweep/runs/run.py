@@ -43,9 +43,8 @@ from heliosweep.grid import (
     trial_seconds,
 )
 from heliosweep.lazy import xr
-from heliosweep.store.folder import CHUNKS, ChunkStore, status_of
-from heliosweep.store.manifest import finished, identity_of, listed, words_of, write_manifest
-from heliosweep.store.read import check_digest, open_result
+from heliosweep.store.folder import CHUNKS, ChunkStore, check_digest, open_result, status_of
+from heliosweep.store.writer import Template, finished, identity_of, listed, words_of, write_manifest, write_result
 
 if TYPE_CHECKING:
     import numpy as np
@@ -411,14 +410,12 @@ class Run:
         if force:
             self.store.remove()
         _ = self.plan  # rejects a study that is too large before the kernels are compiled
-        from heliosweep.store import writer
-
         blocks = self.compute(progress)
         with self.timed("publish"):
             variables, attributes = in_result(self.plan.variables), {**self._words, **self.coordinates.attrs}
             sizes, cuts = self.plan.workload.sizes, self.plan.cuts
-            template = writer.Template(sizes, self.coordinates, variables, attributes, cuts)
-            path = writer.write_result(blocks, template, self.study.output, self.folder)
+            template = Template(sizes, self.coordinates, variables, attributes, cuts)
+            path = write_result(blocks, template, self.study.output, self.folder)
         with self.timed("record"):
             self._record(path)
             for place in self.folder.glob(f"{CHUNKS}*"):

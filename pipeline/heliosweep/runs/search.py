@@ -22,8 +22,7 @@ from heliosweep.grid import Cut, Piece, Work, chunks_by_block, coordinate_attrib
 from heliosweep.lazy import xr
 from heliosweep.runs.run import Run, Workers, explain_failure, plan_study, prepare_kernels, show_progress
 from heliosweep.sources import source_digest, version_of
-from heliosweep.store.folder import BEST
-from heliosweep.store.read import open_result
+from heliosweep.store.folder import BEST, open_result
 
 if TYPE_CHECKING:
     from heliosweep.search.optimise import Course

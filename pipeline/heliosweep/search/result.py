@@ -12,8 +12,7 @@ import xarray as xr
 
 from heliosweep.config import EVALUATION
 from heliosweep.grid.regions import Variable, flags, quantity
-from heliosweep.report.context import printed, title_of, unit_of, value_texts
-from heliosweep.report.figures import COLOURS, Curves, Figure
+from heliosweep.report.figures import COLOURS, Curves, Figure, printed, title_of, unit_of, value_texts
 from heliosweep.report.tables import SOURCE, Table, numbers
 from heliosweep.search.optimise import front
 

@@ -24,8 +24,7 @@ from heliosweep.errors import HeliosweepError, Problem, StudyError, log, printab
 from heliosweep.families.family import study_classes
 from heliosweep.files import user_path, written_whole
 from heliosweep.report.page import FIGURES, PAGE, for_others
-from heliosweep.store.folder import MANIFEST, RESULT, STUDIES, manifest_text, target_file
-from heliosweep.store.read import open_result, verify
+from heliosweep.store.folder import MANIFEST, RESULT, STUDIES, manifest_text, open_result, target_file, verify
 
 #: Default creators of a study, and licence identifier of a draft without a licence.
 DEFAULT_CREATOR, DRAFT = "The authors of this data set", "LicenseRef-Draft"

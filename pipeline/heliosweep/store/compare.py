@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.errors import Problem, StudyError
-from heliosweep.store.manifest import changes
-from heliosweep.store.read import locate, open_result, result_digest
+from heliosweep.store.folder import locate, open_result, result_digest
+from heliosweep.store.writer import changes
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Write results block by block to ``result.nc`` with netCDF4.
+"""Write results to ``result.nc`` with netCDF4, block by block, with their global attributes and manifest.
 
 The bytes depend only on the values and the library versions, because blocks are always written in the same order. Dask
 is not used for writing, because its NetCDF files differ from run to run.
@@ -6,20 +6,216 @@ is not used for writing, because its NetCDF files differ from run to run.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import netCDF4
 import numpy as np
 
+from heliosweep import __version__
+from heliosweep.config import CivilTime, SolarTime, Study, WeatherTime, id_of
 from heliosweep.errors import HeliosweepError
-from heliosweep.files import LIBRARY_LOCK, remove, sync, why_not_written, written_whole
+from heliosweep.files import LIBRARY_LOCK, remove, sync, why_not_written, write_whole, written_whole
+from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Cut, Piece, Variable, index_of
-from heliosweep.lazy import xr
-from heliosweep.store.folder import DESCRIPTIONS, RESULT
+from heliosweep.lazy import netCDF4, xr
+from heliosweep.sources import code_versions, installed
+from heliosweep.store.folder import DESCRIPTIONS, MANIFEST, RESULT, STUDIES, manifest_text, read_manifest, result_digest
+
+
+def words_of(family: Any, study: Study) -> dict[str, Any]:
+    """Return the global attributes of a result according to CF-1.11 and ACDD-1.3.
+
+    The attributes contain no clock time, host, user or path, so that repeated runs give equal files. The manifest
+    contains this information instead.
+    """
+    keywords = ("concentrating solar power", "solar tracking", *family.keywords)
+    given = study.dataset.keywords if study.dataset else ()
+    canonical = study.canonical()
+    study_id = id_of(canonical)
+    return {
+        "Conventions": "CF-1.11, ACDD-1.3",
+        "title": study.title or family.title,
+        "summary": summary(study.description or family.title, study),
+        "keywords": ", ".join(dict.fromkeys((*keywords, *given))),
+        "source": f"heliosweep {__version__}, family {study.family}",
+        "history": f"computed by heliosweep {__version__} from study {study_id}",
+        "processing_level": "computed from a model",
+        "references": "; ".join([*family.references, *study.references]),
+        "standard_name_vocabulary": "CF Standard Name Table v90",
+        "comment": (
+            "Each dimension is a swept key of the study or a dimension of the model. The attribute study contains "
+            "all keys, with files replaced by the SHA-256 of their contents. Missing values are NaN."
+        ),
+        **_people(study),
+        **dict(_where(study)),
+        **_period(study),
+        "id": study_id,
+        "study_id": study_id,
+        "study": json.dumps(canonical, sort_keys=True, ensure_ascii=False),
+    }
+
+
+def _people(study: Study) -> dict[str, str]:
+    about = study.dataset
+    if about is None:
+        return {"product_version": __version__}
+    each = {key: dict.fromkeys(getattr(creator, key) or "" for creator in about.creators)
+            for key in ("email", "affiliation", "orcid")}  # fmt: skip
+    values = {
+        "product_version": about.version or __version__,
+        # ACDD separates names by commas, but names may contain commas
+        "creator_name": "; ".join(creator.name for creator in about.creators),
+        "creator_email": "; ".join(filter(None, each["email"])),
+        "creator_institution": "; ".join(filter(None, each["affiliation"])),
+        "creator_url": " ".join(f"https://orcid.org/{orcid}" for orcid in each["orcid"] if orcid),
+        "license": about.license,
+        "metadata_link": about.doi and f"https://doi.org/{about.doi}",
+        "publisher_name": about.publisher,
+        "naming_authority": about.naming_authority,
+        "acknowledgement": "; ".join(", ".join(filter(None, (one.funder, one.award))) for one in about.funding),
+    }
+    return {name: value for name, value in values.items() if value}
+
+
+def _where(study: Study) -> Iterator[tuple[str, Any]]:
+    if getattr(study, "site", None) is None and getattr(study, "sites", None) is None:
+        return
+    grid = Parameters(study)
+    for key, axis, units in (("site.latitude", "lat", "degrees_north"), ("site.longitude", "lon", "degrees_east")):
+        values = np.asarray(grid.column(key)[1] if grid.has(key) else np.nan, dtype=float)
+        if np.isfinite(values).any():
+            yield f"geospatial_{axis}_min", float(np.nanmin(values))
+            yield f"geospatial_{axis}_max", float(np.nanmax(values))
+            yield f"geospatial_{axis}_units", units
+
+
+def _period(study: Study) -> dict[str, str]:
+    """Return attributes for the dates of a study on the civil clock. The time resolution is the step within a day."""
+    time: Any = getattr(study, "time", None)
+    if not isinstance(time, CivilTime):
+        return {}
+    found, seconds = sorted(time.date_list()), round(3600 * getattr(time.window, "step"))  # noqa: B009
+    return {
+        "time_coverage_start": found[0].isoformat(),
+        "time_coverage_end": found[-1].isoformat(),
+        "time_coverage_duration": f"P{(found[-1] - found[0]).days + 1}D",
+        "time_coverage_resolution": f"PT{seconds}S" if seconds % 60 else f"PT{seconds // 60}M",
+    }
+
+
+def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
+    """Write ``manifest.json`` and the resolved study. Raises HeliosweepError if a file cannot be written.
+
+    The mapping `content` is the manifest without the entries for the result and the environment.
+    """
+    recorded = {"file": result.name, "bytes": result.stat().st_size, "sha256": result_digest(result)}
+    called = Path(sys.argv[0])
+    words = ["python", "-m", called.parent.name] if called.name == "__main__.py" else [called.name]
+    lock, commit = installed(), None
+    packages = "heliosweep numpy numba llvmlite xarray dask pandas netCDF4 pvlib matplotlib"
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    with suppress(OSError, subprocess.SubprocessError):
+        commit = subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip() or None
+    environment = {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "processors": os.cpu_count(),
+        "packages": {name: lock.get(name.lower()) for name in packages.split()},
+        "lock": lock,
+        "commit": commit,
+    }
+    record = {"command": [*words, *sys.argv[1:]], "environment": environment, "result": recorded, **content}
+    write_whole(folder / STUDIES[0], study.to_yaml(folder))
+    write_whole(folder / MANIFEST, manifest_text(record))
+
+
+def finished(folder: Path) -> tuple[Path | None, dict[str, Any]]:
+    """Return the path (or None) and the identity of the finished result in a folder. The result file is not checked."""
+    with suppress(HeliosweepError):
+        manifest = read_manifest(folder)
+        path = folder / manifest["result"]["file"]
+        if manifest.get("identity") and path.exists():
+            return path, dict(manifest["identity"])
+    return None, {}
+
+
+def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[str, Any]:
+    """Return the inputs that determine the bytes of a study's result.
+
+    The keys ``study_id`` and ``study`` describe the study, and ``code`` the versions of the code. The key ``output``
+    describes stored variables and their format, and ``attributes`` contains the global attributes.
+    """
+    canonical = study.canonical()
+    # the study and the code, which are compared separately, determine these attributes
+    following = ("study", "study_id", "id", "history", "source")
+    return {
+        "study_id": id_of(canonical),
+        "study": canonical,
+        "code": code_versions(*modules),
+        "output": study.output.model_dump(),
+        "attributes": {name: value for name, value in words.items() if name not in following},
+    }
+
+
+def changes(before: Any, after: Any, key: str = "") -> list[str]:
+    """Return one line for each key whose value differs in two mappings, such as ``receiver.height: 60 -> 70``."""
+    if isinstance(before, Mapping) and isinstance(after, Mapping):
+        prefix = f"{key}." if key else ""
+        pairs = ((name, before.get(name), after.get(name)) for name in {**after, **before})
+        return [line for name, one, two in pairs for line in changes(one, two, f"{prefix}{name}")]
+    one, two = (json.loads(json.dumps(value, default=str)) for value in (before, after))  # converts tuples to lists
+    return [] if one == two else [f"{key}: {_words(before)} -> {_words(after)}"]
+
+
+def listed(before: Any, after: Any, most: int = 3) -> str:
+    """Return the first `most` differences between two mappings on one line."""
+    lines = changes(before, after)
+    return "; ".join(lines[:most]) + (f", and {len(lines) - most} more" if len(lines) > most else "")
+
+
+def _words(value: Any) -> str:
+    if value is None:
+        return "not given"
+    text = ", ".join(f"{n} {_words(e)}" for n, e in value.items()) if isinstance(value, Mapping) else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def summary(about: str, study: Study) -> str:
+    """Return the subject and the period of a study on one line. The period is omitted if the study has no clock."""
+    said, time = " ".join(about.split()), getattr(study, "time", None)
+    if isinstance(time, SolarTime | CivilTime):
+        period = dates(time)
+    elif isinstance(time, WeatherTime):
+        months = "" if time.months is None else ", ".join(f"{month:g}" for month in time.months.values())
+        period = f"{f'months {months}' if months else 'all months'} of the weather file"
+    else:
+        return said
+    return f"{said.rstrip('.')}. Period: {period}."
+
+
+def dates(time: SolarTime | CivilTime) -> str:
+    """Return a description of the dates, the days of the year or the solar declinations of a study."""
+    if isinstance(time, CivilTime):
+        listed = list(map(str, time.date_list()))
+        if len(listed) <= 4:
+            return ", ".join(listed)
+        each = {0: "", 1: ", every day"}.get(time.dates.step, f", every {time.dates.step} days")
+        return f"{listed[0]} to {listed[-1]}{each}: {len(listed)} dates"
+    declinations = time.declinations()
+    values = time.day_numbers() if declinations is None else declinations
+    end = "" if len(values) == 1 else "s"
+    what = f"day{end} of the year" if declinations is None else f"declination{end} of the sun (\N{DEGREE SIGN})"
+    texts = [f"{float(value):.6g}".replace("-", "\N{MINUS SIGN}") for value in values]
+    return f"{what} {', '.join(texts)}" if len(texts) <= 4 else f"{len(texts)} {what}, {texts[0]} to {texts[-1]}"
+
 
 if TYPE_CHECKING:
     from heliosweep.config.blocks import Output

@@ -10,8 +10,18 @@ import numpy as np
 import xarray as xr
 
 from heliosweep.families.backward_gazing.variables import QUALITY
-from heliosweep.report.context import Context
-from heliosweep.report.figures import COLOURS, HELIOSTAT, PIXELS, Curves, Figure, Grids, Maps, Rasters, is_ordered
+from heliosweep.report.figures import (
+    COLOURS,
+    HELIOSTAT,
+    PIXELS,
+    Context,
+    Curves,
+    Figure,
+    Grids,
+    Maps,
+    Rasters,
+    is_ordered,
+)
 
 METHOD, REFERENTIAL, MODULE, PROFILE, HOUR = "slope_method", "referential", "module", "sun_profile", "hour"
 #: Dimensions along which seeds of random numbers vary.

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.report.context import Context
-from heliosweep.report.figures import Curves, Figure, Grids, is_ordered
+from heliosweep.report.figures import Context, Curves, Figure, Grids, is_ordered
 
 DIRECTION = "axis_tilt_direction"
 _FACTOR = "effective_tracking_factor"

@@ -14,9 +14,8 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
 from heliosweep.families.field_efficiency.flux import DIMS
-from heliosweep.report.context import Context, at, fold
 from heliosweep.report.draw import colour_bar, label_outside, legend, panels
-from heliosweep.report.figures import COLOURS, HELIOSTAT, VALUES
+from heliosweep.report.figures import COLOURS, HELIOSTAT, VALUES, Context, at, fold
 
 
 def _bars(

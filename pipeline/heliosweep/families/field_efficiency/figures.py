@@ -10,8 +10,7 @@ import xarray as xr
 
 from heliosweep.families.field_efficiency.flux import DIMS
 from heliosweep.families.field_efficiency.variables import ANGLES, EFFICIENCIES, FACTORED, LIGHT, PRODUCT
-from heliosweep.report.context import Context
-from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Maps, Rasters, Special, is_ordered
+from heliosweep.report.figures import FIELD, HELIOSTAT, Context, Curves, Figure, Maps, Rasters, Special, is_ordered
 from heliosweep.report.tables import SOURCE, Table, numbers
 
 _COST = ("levelized_cost_of_heat", "total_capital_cost", "field_heat", "design_point_heat")

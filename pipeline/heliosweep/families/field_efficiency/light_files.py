@@ -287,7 +287,7 @@ def read_calibration(path: Path, name: str) -> Calibrated:
 
 
 def _result(path: Path, name: str) -> xr.Dataset:
-    from heliosweep.store.read import is_netcdf, open_result
+    from heliosweep.store.folder import is_netcdf, open_result
 
     try:
         if is_netcdf(path):

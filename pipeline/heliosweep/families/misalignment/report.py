@@ -31,8 +31,21 @@ from heliosweep.kernels import calibration as codes
 from heliosweep.kernels.mounts import BEHIND_FACE, BLIND_CONE, ERRORS, MISSES, NO_SUN, TOO_NEAR
 from heliosweep.layouts.layout import label_of
 from heliosweep.mounts import CONDITION_LIMITS
-from heliosweep.report.context import Context, Point, at, evenly
-from heliosweep.report.figures import FIELD, HELIOSTAT, Curves, Figure, Grids, Maps, Planes, Special, is_ordered
+from heliosweep.report.figures import (
+    FIELD,
+    HELIOSTAT,
+    Context,
+    Curves,
+    Figure,
+    Grids,
+    Maps,
+    Planes,
+    Point,
+    Special,
+    at,
+    evenly,
+    is_ordered,
+)
 from heliosweep.report.tables import Table, numbers
 
 DAYS = ("day", "declination", "date")
@@ -288,8 +301,8 @@ def _ellipses(axes: Any, result: xr.Dataset, point: Point) -> None:
     from matplotlib import colormaps
     from matplotlib.patches import Ellipse
 
-    from heliosweep.report.context import aperture
     from heliosweep.report.draw import frame_square
+    from heliosweep.report.figures import aperture
 
     names, corners = ("spot_y_mean", "spot_z_mean", "spot_y_variance", "spot_z_variance", "spot_yz_covariance"), []
     rows = np.stack([np.atleast_1d(at(result[name], point)) for name in names], axis=-1)
