@@ -73,8 +73,6 @@ def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np
 DAY = 86_400_000_000_000
 #: Number of quantities at each node: geocentric unit vector to the sun (x, y, z), and sine of its horizontal parallax.
 QUANTITIES = 4
-#: Number of instants in a batch, small enough that data common to all sites remain in the processor cache.
-CHUNK = 1024
 #: Ratio of the Earth's polar radius to its equatorial radius [1], and the Earth's equatorial radius [m].
 _FLATTENING, _EQUATORIAL_RADIUS = 0.99664719, 6378140.0
 _C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
@@ -114,6 +112,22 @@ def daily_splines(nodes: Floats) -> Floats:
     return np.stack((nodes[:-1], np.diff(nodes, axis=0) - 2.0 * low - high, 3.0 * low, high - low), axis=1)
 
 
+@inline
+def _cosine_and_sine(turns: float) -> tuple[float, float]:
+    """Return the cosine and sine of an angle [turn] from Taylor series, which the compiler vectorises."""
+    quarters = np.floor(4.0 * turns + 0.5)
+    x = 2.0 * math.pi * (turns - 0.25 * quarters)
+    q = x * x  # at most (pi / 4)^2, so the omitted terms are below 5e-17
+    s = _S9 + q * (_S11 + q * (_S13 + q * _S15))
+    c = _C8 + q * (_C10 + q * (_C12 + q * (_C14 + q * _C16)))
+    s = x + x * q * (_S3 + q * (_S5 + q * (_S7 + q * s)))
+    c = 1.0 + q * (_C2 + q * (_C4 + q * (_C6 + q * c)))
+    odd = quarters - 2.0 * np.floor(0.5 * quarters)
+    half = 0.5 * (quarters - odd)
+    sign = 1.0 - 2.0 * (half - 2.0 * np.floor(0.5 * half))
+    return (-s * sign, c * sign) if odd > 0.0 else (c * sign, s * sign)
+
+
 @kernel
 def sun_at_sites(
     utc: NDArray[np.int64],
@@ -132,69 +146,28 @@ def sun_at_sites(
     equinoxes. `sites` contains geographic latitude and longitude, positive north and east [rad], and altitude [m],
     shape (S, 3). The results in `sun`, shape (S, T, 3), have the components east, north, up [1].
     """
-    place = np.zeros((QUANTITIES + 4, CHUNK))  # three additional rows for vectors of a site
-    for start in range(0, len(utc), CHUNK):
-        stop = min(start + CHUNK, len(utc))
-        _geocentric(utc[start:stop], delta_t, first_day, pieces, first_piece, place)
-        for site in range(len(sites)):
-            _topocentric(place, sites[site, 0], sites[site, 1], sites[site, 2], sun[site, start:stop])
-
-
-@kernel
-def _geocentric(
-    utc: NDArray[np.int64], delta_t: Floats, first_day: int, pieces: Floats, first_piece: int, place: Floats
-) -> None:
-    """Interpolate the quantities of the nodes at each instant; the x axis points to the Greenwich meridian."""
+    latitude, longitude, altitude = sites[:, 0], sites[:, 1], sites[:, 2] / _EQUATORIAL_RADIUS
+    north, level, east, prime = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    reduced = np.arctan(_FLATTENING * np.tan(latitude))
+    from_axis, from_equator = np.cos(reduced) + altitude * level, _FLATTENING * np.sin(reduced) + altitude * north
+    site_north, site_up = level * from_equator - north * from_axis, level * from_axis + north * from_equator
+    nodes = np.empty(QUANTITIES)
     for i in range(len(utc)):
         day = utc[i] // DAY
         fraction = (utc[i] - day * DAY) * (1.0 / DAY)
         late = fraction + delta_t[day - first_day] * (1.0 / 86400.0)
         whole = math.floor(late)
         late -= whole
-        piece = pieces[day + int(whole) - first_piece]
-        for k in range(QUANTITIES):
-            place[k, i] = piece[0, k] + late * (piece[1, k] + late * (piece[2, k] + late * piece[3, k]))
-        place[QUANTITIES, i] = _sidereal_time(day, fraction)
-    for i in range(len(utc)):
-        cosine, sine = _cosine_and_sine(place[QUANTITIES, i])
-        x, y = place[0, i], place[1, i]
-        place[0, i], place[1, i] = x * cosine + y * sine, y * cosine - x * sine
-
-
-@inline
-def _cosine_and_sine(turns: float) -> tuple[float, float]:
-    """Return the cosine and sine of an angle [turn] from Taylor series, which the compiler vectorises."""
-    quarters = np.floor(4.0 * turns + 0.5)
-    x = 2.0 * math.pi * (turns - 0.25 * quarters)
-    q = x * x  # at most (pi / 4)^2, so the omitted terms are below 5e-17
-    s = _S9 + q * (_S11 + q * (_S13 + q * _S15))
-    c = _C8 + q * (_C10 + q * (_C12 + q * (_C14 + q * _C16)))
-    s = x + x * q * (_S3 + q * (_S5 + q * (_S7 + q * s)))
-    c = 1.0 + q * (_C2 + q * (_C4 + q * (_C6 + q * c)))
-    odd = quarters - 2.0 * np.floor(0.5 * quarters)
-    half = 0.5 * (quarters - odd)
-    sign = 1.0 - 2.0 * (half - 2.0 * np.floor(0.5 * half))
-    return (-s * sign, c * sign) if odd > 0.0 else (c * sign, s * sign)
-
-
-@kernel
-def _topocentric(place: Floats, latitude: float, longitude: float, altitude: float, sun: Floats) -> None:
-    """Write unit vectors to the sun at one site, shape (T, 3)."""
-    north, level = math.sin(latitude), math.cos(latitude)
-    east, prime = math.sin(longitude), math.cos(longitude)
-    reduced = math.atan(_FLATTENING * math.tan(latitude))
-    from_axis = math.cos(reduced) + altitude / _EQUATORIAL_RADIUS * level
-    from_equator = _FLATTENING * math.sin(reduced) + altitude / _EQUATORIAL_RADIUS * north
-    site_north = level * from_equator - north * from_axis
-    site_up = level * from_axis + north * from_equator
-    px, py, pz, parallax = place[0], place[1], place[2], place[3]
-    across, up, ahead = place[QUANTITIES + 1], place[QUANTITIES + 2], place[QUANTITIES + 3]
-    for i in range(len(sun)):
-        meridian = prime * px[i] + east * py[i]
-        x = prime * py[i] - east * px[i]
-        y = level * pz[i] - north * meridian - site_north * parallax[i]
-        z = level * meridian + north * pz[i] - site_up * parallax[i]
-        scale = 1.0 / math.sqrt(x * x + y * y + z * z)
-        across[i], ahead[i], up[i] = x * scale, y * scale, z * scale
-    for i in range(len(sun)):
-        sun[i, 0], sun[i, 1], sun[i, 2] = across[i], ahead[i], up[i]
+        c = pieces[day + int(whole) - first_piece]
+        for q in range(QUANTITIES):
+            nodes[q] = c[0, q] + late * (c[1, q] + late * (c[2, q] + late * c[3, q]))
+        px, py, pz, parallax = nodes[0], nodes[1], nodes[2], nodes[3]
+        cosine, sine = _cosine_and_sine(_sidereal_time(day, fraction))
+        px, py = px * cosine + py * sine, py * cosine - px * sine  # the x axis points to the Greenwich meridian
+        for k in range(len(sites)):
+            meridian = prime[k] * px + east[k] * py
+            x = prime[k] * py - east[k] * px
+            y = level[k] * pz - north[k] * meridian - site_north[k] * parallax
+            z = level[k] * meridian + north[k] * pz - site_up[k] * parallax
+            scale = 1.0 / math.sqrt(x * x + y * y + z * z)
+            sun[k, i, 0], sun[k, i, 1], sun[k, i, 2] = x * scale, y * scale, z * scale
