@@ -538,7 +538,7 @@ def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming
     return aiming.Mounts(
         aiming.mount_frames(one["kind"], one["latitude"], one["axis_azimuth"], to_target),
         to_target,
-        aiming.face_axes(one["face_azimuth"], one["face_tilt"]),
+        np.array(aiming.face_vectors(one["face_azimuth"], one["face_tilt"])),
         np.array([one["mirror_offset"], one["axis_offset"], one["pedestal_height"]]),
     )
 

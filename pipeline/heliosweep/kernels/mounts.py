@@ -211,11 +211,6 @@ def face_vectors(azimuth: float, tilt: float) -> Matrix:
     return (out * sine, out * cosine, up), (-cosine, sine, 0.0), (-up * sine, -up * cosine, out)
 
 
-def face_axes(azimuth: float, tilt: float) -> NDArray[np.float64]:
-    """Return the face axes X, Y, Z as rows of an array, shape (3, 3)."""
-    return np.array(face_vectors(float(azimuth), float(tilt)))
-
-
 @inline
 def trace(p: Vector, n: Vector, s: Vector, face: Matrix) -> tuple[float, float, int]:
     """Return the spot p + l R of the sun ray reflected by a mirror at p, with R = 2 (s.n) n - s.
@@ -415,7 +410,7 @@ def _newton(c, n, t, inverse, angles, margin, askew, offset, axis_offset, far):
     return (fx + moved[0], fy + moved[1], fz + moved[2]), last
 
 
-def mount_frames(kind: int, latitude: float, axis_azimuth: float, to_target: ArrayLike) -> Floats:
+def mount_frames(kind: int, latitude: float, axis_azimuth: float, to_target: Floats) -> Floats:
     """Return the axes of mounts.
 
     Parameters
@@ -426,52 +421,16 @@ def mount_frames(kind: int, latitude: float, axis_azimuth: float, to_target: Arr
         Geographic latitude, used by polar mounts. [rad]
     axis_azimuth : float
         Azimuth of the primary axis of tilt-roll mounts, from north, clockwise. [rad]
-    to_target : array_like, shape (..., 3)
+    to_target : ndarray, shape (N, 3)
         Vectors from the pivots to the aim point. [m]
 
     Returns
     -------
-    ndarray, shape (..., 3, 3)
+    ndarray, shape (N, 3, 3)
         Rows of Q: axes x, y (bore at zero angles) and z (primary axis) in the world frame. [1]
     """
-    vectors = np.asarray(to_target, np.float64)
-    frames = [
-        mount_frame(int(kind), float(latitude), float(axis_azimuth), tuple(each))
-        for each in vectors.reshape(-1, 3).tolist()
-    ]
-    return np.reshape(frames, (*vectors.shape, 3))
-
-
-def aim(
-    frame: ArrayLike,
-    sun: ArrayLike,
-    to_target: ArrayLike,
-    errors: ArrayLike,
-    offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Floats:
-    """Return the encoder angles at which mounts with known errors reflect the sun to the aim point.
-
-    Parameters
-    ----------
-    frame : array_like, shape (..., 3, 3)
-        Rows of Q, from `mount_frames`. All arguments broadcast. [1]
-    sun : array_like, shape (..., 3)
-        Unit vectors to the sun. [1]
-    to_target : array_like, shape (..., 3)
-        Vectors from the pivots to the aim point. [m]
-    errors : array_like, shape (..., 6)
-        Errors in the order of `ERRORS`. [rad]
-    offsets : tuple of float
-        Mirror offset r along the bore, axis offset q, height h of the pivot above the base that tilts. [m]
-
-    Returns
-    -------
-    ndarray, shape (..., 2)
-        Encoder angles g and a, from -pi to pi, for the ray reflected at the mirror centre. The angles are NaN if the
-        sun is at or below the horizon, if the required direction is in the blind cone, or if the offsets are not
-        smaller than the distance to the aim point. [rad]
-    """
-    return _rowwise(_aim, 2, frame, sun, to_target, errors, offsets)
+    frames = [mount_frame(int(kind), float(latitude), float(axis_azimuth), tuple(each)) for each in to_target.tolist()]
+    return np.reshape(frames, (len(to_target), 3, 3))
 
 
 class Stand(NamedTuple):
@@ -495,18 +454,6 @@ class Stand(NamedTuple):
         return np.cross(self.right, self.normal)
 
 
-def stand(
-    frame: ArrayLike,
-    angles: ArrayLike,
-    errors: ArrayLike,
-    to_target: ArrayLike,
-    offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Stand:
-    """Return the mirrors of mounts with errors; `angles`, shape (..., 2), are encoder angles [rad]. See also `aim`."""
-    made = _rowwise(_stand, 18, frame, angles, to_target, errors, offsets)
-    return Stand(*(made[..., 3 * k : 3 * k + 3] for k in range(6)))
-
-
 class Mounts(NamedTuple):
     """N mounts in front of a receiver."""
 
@@ -524,86 +471,75 @@ class Mounts(NamedTuple):
         return self._replace(frames=self.frames[some], to_target=self.to_target[some])
 
     def aim(self, sun: Floats, known: Floats | None = None) -> Floats:
-        """Return the encoder angles that correct known errors (default: none), shape (N, ..., T, 2). [rad]
+        """Return the encoder angles at which the mounts reflect the sun to the aim point, shape (N, ..., T, 2). [rad]
 
-        `known` has shape (N, ..., 1 or T, 6). `sun` has shape (T, 3), or the shape of `known` with a last axis of
-        length 3.
+        The angles correct the errors `known` (default: none), shape (N, ..., 1 or T, 6) [rad]. `sun` contains unit
+        vectors to the sun, shape (T, 3), or the shape of `known` with a last axis of length 3. Angles are between -pi
+        and pi, for the ray reflected at the mirror centre. They are NaN if the sun is at or below the horizon, if the
+        required direction is in the blind cone, or if the offsets are not smaller than the distance to the aim point.
         """
         known = np.zeros((len(self.frames), 1, 6)) if known is None else known
-        return aim(self._at(self.frames, known), sun, self._at(self.to_target, known), known, tuple(self.offsets))
+        return self._rowwise(_aim, 2, sun, known)
 
     def stand(self, angles: Floats, errors: Floats) -> "Stand":
         """Return the mirrors for encoder angles of shape (N, ..., T, 2) and mount errors of shape (..., 6). [rad]"""
-        frames, to_target = self._at(self.frames, angles), self._at(self.to_target, angles)
-        return stand(frames, angles, errors, to_target, tuple(self.offsets))
+        made = self._rowwise(_stand, 18, angles, errors)
+        return Stand(*(made[..., 3 * k : 3 * k + 3] for k in range(6)))
 
     def on_face(self, plane: Floats) -> Floats:
         """Return points (y, z) on the receiver plane as vectors in the world frame. [m]"""
         # BLAS is not used, because its rounding depends on the number of rows.
         return plane[..., :1] * self.face[1] + plane[..., 1:] * self.face[2]
 
-    @staticmethod
-    def _at(each: Floats, wide: Floats) -> Floats:
-        """Insert axes after the first axis (mounts) of an array, so that the array broadcasts with `wide`."""
-        return each[(slice(None), *[np.newaxis] * (wide.ndim - 2))]
-
-
-def _rowwise(fill, count: int, frame: ArrayLike, *arrays: ArrayLike) -> Floats:
-    """Call a kernel on each row of the broadcast frames and vectors; return `count` numbers for each row."""
-    *vectors, offsets = arrays
-    frames = np.asarray(frame, np.float64)
-    parts = [frames.reshape(*frames.shape[:-2], 9), *(np.asarray(each, np.float64) for each in vectors)]
-    shape = np.broadcast_shapes(*(each.shape[:-1] for each in parts))
-    wide = [np.broadcast_to(each, (*shape, each.shape[-1])).reshape(-1, each.shape[-1]) for each in parts]
-    rows = np.concatenate(wide, axis=1)
-    made = np.full((len(rows), count), math.nan)
-    fill(rows, np.array(offsets, np.float64), made)
-    return made.reshape(*shape, count)
+    def _rowwise(self, fill, count: int, *vectors: Floats) -> Floats:
+        """Call a kernel for each row of the broadcast vectors; return `count` numbers for each row."""
+        inner = slice(None), *[np.newaxis] * (max(each.ndim for each in vectors) - 2)
+        arrays = [self.frames.reshape(-1, 9)[inner], self.to_target[inner], *vectors]
+        shape = np.broadcast_shapes(*(each.shape[:-1] for each in arrays))
+        rows = [np.broadcast_to(each, (*shape, each.shape[-1])).reshape(-1, each.shape[-1]) for each in arrays]
+        made = np.full((len(rows[0]), count), math.nan)
+        fill(*(np.array(each, np.float64, order="C") for each in (*rows, self.offsets)), made)
+        return made.reshape(*shape, count)
 
 
 @inline
-def _mount(row, offsets, first) -> Mount:
-    """Return the mount described by a row.
-
-    A row contains the frame, the sun vector or the angles, the vector to the aim point (from index `first`), and the
-    errors.
-    """
-    frame = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8])
-    to_target, k = (row[first], row[first + 1], row[first + 2]), first + 3
-    errors = row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5]
-    return mount_of(errors, frame, to_target, (offsets[0], offsets[1], offsets[2]))
+def three(row) -> Vector:
+    """Return a row of three numbers as scalars, which numba passes in registers."""
+    return row[0], row[1], row[2]
 
 
 @kernel
-def _aim(rows: Floats, offsets: Floats, angles: Floats) -> None:
-    """Write the encoder angles for rows of shape (N, 21), each with frame, sun, target and errors."""
-    for i in range(len(rows)):
-        g, a, status = aimed(_mount(rows[i], offsets, 12), (rows[i, 9], rows[i, 10], rows[i, 11]))
+def _aim(frames: Floats, to_target: Floats, sun: Floats, errors: Floats, offsets: Floats, angles: Floats) -> None:
+    """Write the encoder angles of N mounts; `frames` has shape (N, 9)."""
+    for i in range(len(angles)):
+        frame = three(frames[i, 0:3]), three(frames[i, 3:6]), three(frames[i, 6:9])
+        g, a, status = aimed(mount_of(six(errors[i]), frame, three(to_target[i]), three(offsets)), three(sun[i]))
         if status == REACHES:
             angles[i, 0], angles[i, 1] = math.atan2(g[1], g[0]), math.atan2(a[1], a[0])
 
 
 @kernel
-def _stand(rows: Floats, offsets: Floats, made: Floats) -> None:
-    """Write the vectors of `Stand` for rows of shape (N, 20), each with frame, angles, target and errors."""
-    for i in range(len(rows)):
-        mount, g, a = _mount(rows[i], offsets, 11), rows[i, 9], rows[i, 10]
+def _stand(frames: Floats, to_target: Floats, angles: Floats, errors: Floats, offsets: Floats, made: Floats) -> None:
+    """Write the vectors of `Stand` for N mounts; `frames` has shape (N, 9)."""
+    for i in range(len(made)):
+        frame = three(frames[i, 0:3]), three(frames[i, 3:6]), three(frames[i, 6:9])
+        mount, g, a = mount_of(six(errors[i]), frame, three(to_target[i]), three(offsets)), angles[i, 0], angles[i, 1]
         mirror = mirror_at(mount, (math.cos(g), math.sin(g)), (math.cos(a), math.sin(a)))
         vectors = (
             mirror.normal, mirror.right, (0.0, 0.0, 1.0), mirror.arm, mount.pole, minus(mirror.arm, mount.target)
         )  # fmt: skip
         for k in range(6):
-            x, y, z = back(mount.matrix, vectors[k])
-            made[i, 3 * k], made[i, 3 * k + 1], made[i, 3 * k + 2] = x, y, z
+            made[i, 3 * k], made[i, 3 * k + 1], made[i, 3 * k + 2] = back(mount.matrix, vectors[k])
 
 
+@kernel
 def pointing_turns(
-    centre: Floats, target: Floats, mounts: Floats, tracking: int, sun: Floats, start: int, stop: int, first: int = 0,
-    stride: int = 1,
-) -> Floats:  # fmt: skip
-    """Return the pointing errors of mirrors start..stop towards the axes u and v, shape (stop - start, T, 2). [rad]
+    centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: Floats, start: int, stride: int
+) -> Floats:
+    """Return the pointing errors of N mirrors towards the axes u and v at T instants, shape (N, T, 2). [rad]
 
     The encoder angles are computed for a mount without errors. The rotation of a mirror about its normal is omitted.
+    The rotations are zero while the sun is below the horizon.
 
     Parameters
     ----------
@@ -613,38 +549,21 @@ def pointing_turns(
         Mount errors, in the order of `ERRORS`. [rad]
     tracking : int
         `TARGET_ALIGNED` or `AZIMUTH_ELEVATION`.
-    sun : ndarray, shape (T, 3)
+    suns : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
-    first, stride : int
-        Index of the first instant, and stride. A rotation is computed only if the sum of its mirror and instant indices
-        is a multiple of the stride, and is 0 otherwise.
+    start, stride : int
+        Sum of the indices of the first mirror and the first instant, and stride. A rotation is computed only if the sum
+        of its mirror and instant indices is a multiple of the stride, and is 0 otherwise.
     """
-    out = np.zeros((stop - start, len(sun), 2))
-    _turns(
-        *(np.array(each[start:stop], np.float64, order="C") for each in (centre, target, mounts)),
-        tracking,
-        np.array(sun, np.float64, order="C"),
-        start + first,
-        stride,
-        out,
-    )
-    return out
-
-
-@kernel
-def _turns(
-    centre: Floats, target: Floats, mounts: Floats, tracking: int, suns: Floats, first: int, stride: int, out: Floats
-) -> None:
-    """Write the rotations of the normals; rotations remain zero while the sun is below the horizon."""
+    out = np.zeros((len(centre), len(suns), 2))
     for i in range(out.shape[0]):
-        e = mounts[i]
-        way = (target[i, 0] - centre[i, 0], target[i, 1] - centre[i, 1], target[i, 2] - centre[i, 2])
+        way = minus(three(target[i]), three(centre[i]))
         frame, offsets = mount_frame(tracking, 0.0, 0.0, way), (0.0, 0.0, 0.0)
         ideal = mount_of((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), frame, way, offsets)
-        mount = mount_of(six(e), frame, way, offsets)
+        mount = mount_of(six(mounts[i]), frame, way, offsets)
         for t in range(out.shape[1]):
-            sun = (suns[t, 0], suns[t, 1], suns[t, 2])
-            if not sun[2] > 0.0 or (i + t + first) % stride != 0:
+            sun = three(suns[t])
+            if not sun[2] > 0.0 or (start + i + t) % stride != 0:
                 continue
             g, a, status = aimed(ideal, sun)
             if status == REACHES:
@@ -654,3 +573,4 @@ def _turns(
                 moved = back(mount.matrix, mirror_at(mount, g, a).normal)
                 along = dot(moved, n)
                 out[i, t, 0], out[i, t, 1] = dot(moved, u) / along, dot(moved, cross(n, u)) / along
+    return out

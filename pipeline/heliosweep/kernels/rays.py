@@ -730,8 +730,9 @@ def trace(
         turn = np.empty((0, 0, 2))
         if len(scene.mounts):
             turn = pointing_turns(
-                scene.centre, scene.target, scene.mounts, scene.tracking, sun[first:last], begin, end, first, stride
-            )
+                *(np.array(each[begin:end], np.float64) for each in (scene.centre, scene.target, scene.mounts)),
+                scene.tracking, sun[first:last], begin + first, stride,
+            )  # fmt: skip
         flux = np.zeros((end - begin if images else 1, REPLICATES, *(cells or (0, 0))), np.int64)
         part = np.zeros((REPLICATES, end - begin, groups, QUANTITIES))
         whole = np.zeros((REPLICATES, instants, QUANTITIES))

@@ -6,11 +6,11 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from heliosweep.kernels import traces
-from heliosweep.kernels.mounts import aim, face_axes, mount_frames, stand
+from heliosweep.kernels.mounts import Mounts, face_vectors, mount_frames
 from heliosweep.kernels.sun import solar_clock
 
 KINDS = range(4)
-FACE = face_axes(0.1, -0.2)
+FACE = np.array(face_vectors(0.1, -0.2))
 SUN = solar_clock(np.radians(37.4), np.radians(10.0), np.linspace(8.0, 16.0, 9))
 #: Corners of a line of three pieces about the aim point, y and z. [m]
 CORNERS = np.array([[-9.0, -8.0], [9.0, -9.0], [8.0, 9.0], [-9.0, 8.5]])
@@ -30,12 +30,12 @@ def scene(kind, offsets, count=12, spread=2e-3, seed=0):
     pivots = np.stack((rng.uniform(-200, 200, count), rng.uniform(80, 400, count), rng.uniform(3, 8, count)), axis=1)
     to_target = np.array([0.0, 0.0, 143.0]) - pivots
     frames = mount_frames(kind, 0.65, 0.3, to_target)
-    angles = aim(frames[:, None], SUN, to_target[:, None], np.zeros(6), offsets)
+    angles = Mounts(frames, to_target, FACE, np.array(offsets)).aim(SUN)
     return frames, to_target, rng.normal(0.0, spread, (count, 6)), angles
 
 
 def stood(frames, to_target, errors, angles, offsets):
-    return stand(frames[:, None], angles, errors[:, None], to_target[:, None], offsets)
+    return Mounts(frames, to_target, FACE, np.array(offsets)).stand(angles, errors[:, None])
 
 
 def rays_one_by_one(normal, centre, axis, sun, start, along, length):
