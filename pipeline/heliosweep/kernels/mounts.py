@@ -36,7 +36,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import Floats, inline, kernel
 from heliosweep.kernels.vectors import Vector, cross, dot, minus, mixed, scaled, unit

@@ -72,7 +72,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.compiled import Floats, inline, kernel
+from heliosweep.kernels.compiled import Floats, inline, inner, kernel
 from heliosweep.kernels.mounts import (
     BEHIND_FACE,
     BLIND_CONE,
@@ -89,6 +89,7 @@ from heliosweep.kernels.mounts import (
     mount_frame,
     mount_of,
     six,
+    three,
     trace,
 )
 from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixed, scaled, turning
@@ -104,6 +105,8 @@ ELEVATION, AZIMUTH, ENCODER_AZIMUTH = range(3)
 #: Coefficients of a trigonometric polynomial of the error: 1, cos, sin, cos 2, sin 2, cos 3 and sin 3.
 Series = tuple[float, float, float, float, float, float, float]
 
+#: First two coefficients of the lines along the edges of an aperture: right, left, top and bottom.
+_SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 #: Maximum number of steps in a search along the error. All searches in the tests need fewer steps.
 _STEPS = 10_000
 #: Maximum length of the last step. The remaining error is of second order and below rounding errors. [rad]
@@ -250,12 +253,15 @@ def fill_curves(
 ) -> None:
     """Write the arrays of `Curves`."""
     spots, tolerance, conic, crossing = found
+    edges, series_of_lines = np.empty((4, 3)), np.empty((4, 8))
     for p in range(len(source)):
         # If the mirror centre is fixed, the reflected rays form a cone whose apex is this centre.
         stays = setting.mirror_offset[p] == 0.0 and (source[p] == ENCODER or setting.pedestal_height[p] == 0.0)
         closed = (source[p] == CANTING or stays) and axis[p] != ENCODER_AZIMUTH
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
         w, h = setting.half_width[p], setting.half_height[p]
+        for m in range(4):
+            edges[m, 0], edges[m, 1], edges[m, 2] = _SIDES[m][0], _SIDES[m][1], w if m < 2 else h
         cosine, sine, aligned = np.cos(sky[2][p]), np.sin(sky[2][p]), not np.any(sky[3][p] != 0.0)
         for i in range(tolerance.shape[1]):
             for t in range(tolerance.shape[2]):
@@ -266,48 +272,30 @@ def fill_curves(
                 y, z, status = spot_at(curve, face, 1.0, 0.0)
                 if status != REACHES:
                     continue
-                series = spot_series(curve, face)
-                if aligned or (abs(y) <= w and abs(z) <= h):
-                    tolerance[p, i, t] = _tolerance(curve, series, closed, face, w, h)
-                else:
+                n, series = at_angle(curve.normal, 1.0, 0.0), spot_series(curve, face)
+                if not (aligned or (abs(y) <= w and abs(z) <= h)):
                     tolerance[p, i, t] = 0.0
+                elif closed:
+                    tolerance[p, i, t] = angle_of(
+                        canting_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, w, h)
+                    )
+                else:
+                    tolerance[p, i, t] = abs(nearest(series, edges, series_of_lines))
                 if closed:
-                    numbers = _conic(curve, face)
-                    for m in range(9):
-                        conic[m, p, i, t] = numbers[m]
+                    write_conic(curve, face, conic[:, p, i, t])
                 for m in range(len(lines)):
-                    line = (lines[m, 0], lines[m, 1], lines[m, 2])
-                    error = _crossing(curve, series, closed, aligned, face, line)
+                    error = 0.0
+                    if not aligned or lines[m, 2] != 0.0:  # otherwise the line passes through the spot without error
+                        if closed:
+                            cotangent, side = crossing_cotangent(
+                                curve.sun, n, curve.axis, curve.centre[0], face, three(lines[m])
+                            )
+                            error = side * angle_of(cotangent)
+                        else:
+                            error = nearest(series, lines[m : m + 1], series_of_lines)
                     y, z, status = spot_at(curve, face, math.cos(error), math.sin(error))
                     if abs(error) < math.inf and status == REACHES:
                         crossing[0, p, i, t, m], crossing[1, p, i, t, m], crossing[2, p, i, t, m] = y, z, error
-
-
-@inline
-def _tolerance(curve: Curve, series, closed: bool, face: Matrix, w: float, h: float) -> float:
-    """Return the minimum |error| at which the spot leaves the aperture. [rad]"""
-    if closed:
-        n = at_angle(curve.normal, 1.0, 0.0)
-        return angle_of(canting_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, w, h))
-    edges = (
-        line_series(series, (1.0, 0.0, w)),
-        line_series(series, (-1.0, 0.0, w)),
-        line_series(series, (0.0, 1.0, h)),
-        line_series(series, (0.0, -1.0, h)),
-    )
-    return abs(_nearest(series, edges))
-
-
-@inline
-def _crossing(curve: Curve, series, closed: bool, aligned: bool, face: Matrix, line: Vector) -> float:
-    """Return the error of minimum magnitude at which the spot is on a line; infinite or NaN if there is none. [rad]"""
-    if aligned and line[2] == 0.0:  # The line passes through the aim point, as does the spot without error.
-        return 0.0
-    if not closed:
-        return _nearest(series, (line_series(series, line),))
-    n = at_angle(curve.normal, 1.0, 0.0)
-    cotangent, side = crossing_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, line)
-    return side * angle_of(cotangent)
 
 
 @inline
@@ -317,18 +305,8 @@ def angle_of(cotangent: float) -> float:
 
 
 @inline
-def _nearest(series, lines) -> float:
-    """Return the error of minimum magnitude at which the spot is real and on a line; see `first_crossing`. [rad]"""
-    up = first_crossing(series, lines, 1.0, math.pi)
-    down = first_crossing(series, lines, -1.0, min(up, math.pi))
-    if not (up == up and down == down):
-        return math.nan
-    return -down if down < up else up
-
-
-@inline
-def _conic(curve: Curve, face: Matrix) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Return the coefficients, eccentricity and focus of the conic of a curve."""
+def write_conic(curve: Curve, face: Matrix, out: Floats) -> None:
+    """Write the coefficients, eccentricity and focus of the conic of a curve."""
     a, p = curve.axis, curve.centre[0]
     k = -dot(a, curve.sun)
     ax, ay, az = dot(face[0], a), dot(face[1], a), dot(face[2], a)
@@ -341,26 +319,16 @@ def _conic(curve: Curve, face: Matrix) -> tuple[float, float, float, float, floa
     if abs(first) <= 1e-12 * max(abs(second), abs(third)):
         for other in (second, third, fourth, fifth, sixth):
             scale = other if abs(other) > abs(scale) else scale
-    eccentricity, focus_y, focus_z = math.inf, math.nan, math.nan
+    out[0], out[1], out[2], out[3] = first / scale, second / scale, third / scale, fourth / scale
+    out[4], out[5], out[6] = fifth / scale, sixth / scale, math.inf
     if abs(k) > 1e-14:  # if k is 0, the cone is a plane
-        eccentricity = math.sqrt(max(ay * ay + az * az, 0.0)) / abs(k)
         sign = math.copysign(1.0, k)
         s = sign * px / (math.sqrt(max(1.0 - k * k, 0.0)) - sign * ax)
-        focus_y, focus_z = py + s * ay, pz + s * az
-    return (
-        first / scale,
-        second / scale,
-        third / scale,
-        fourth / scale,
-        fifth / scale,
-        sixth / scale,
-        eccentricity,
-        focus_y,
-        focus_z,
-    )
+        out[6] = math.sqrt(max(ay * ay + az * az, 0.0)) / abs(k)
+        out[7], out[8] = py + s * ay, pz + s * az
 
 
-@inline
+@inner
 def canting_cotangent(
     sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Matrix, half_width: float, half_height: float
 ) -> float:
@@ -453,49 +421,57 @@ def _moment(curve, axis, sign, rays):
 
 
 @inline
-def line_series(series: tuple[Series, Series, Series, Series], line: Vector) -> tuple[Series, float]:
-    """Return the trigonometric polynomial g of a line, and a bound on the magnitude of its second derivative."""
-    _, u, v, w = series
-    l0, l1, l2 = line
-    g0, g1, h1 = l2 * w[0] - l0 * u[0] - l1 * v[0], l2 * w[1] - l0 * u[1] - l1 * v[1], l2 * w[2] - l0 * u[2] - l1 * v[2]
-    g2, h2 = l2 * w[3] - l0 * u[3] - l1 * v[3], l2 * w[4] - l0 * u[4] - l1 * v[4]
-    g3, h3 = -l0 * u[5] - l1 * v[5], -l0 * u[6] - l1 * v[6]
-    bound = math.sqrt(g1 * g1 + h1 * h1) + 4.0 * math.sqrt(g2 * g2 + h2 * h2) + 9.0 * math.sqrt(g3 * g3 + h3 * h3)
-    return (g0, g1, h1, g2, h2, g3, h3), bound
-
-
-@inline
-def _value_and_slope(series, c, s):
+def value_and_slope(series, c, s):
     """Return a trigonometric polynomial and its derivative at the angle with cosine c and sine s."""
     c2, s2 = c * c - s * s, 2.0 * c * s
     c3, s3 = c * c2 - s * s2, s * c2 + c * s2
-    g0, g1, h1, g2, h2, g3, h3 = series
-    value = g0 + (g1 * c + h1 * s) + (g2 * c2 + h2 * s2) + (g3 * c3 + h3 * s3)
-    return value, (h1 * c - g1 * s) + 2.0 * (h2 * c2 - g2 * s2) + 3.0 * (h3 * c3 - g3 * s3)
+    value = series[0] + (series[1] * c + series[2] * s) + (series[3] * c2 + series[4] * s2)
+    slope = (series[2] * c - series[1] * s) + 2.0 * (series[4] * c2 - series[3] * s2)
+    return value + (series[5] * c3 + series[6] * s3), slope + 3.0 * (series[6] * c3 - series[5] * s3)
+
+
+@inner
+def nearest(series: tuple[Series, Series, Series, Series], lines: Floats, polynomials: Floats) -> float:
+    """Return the error of minimum magnitude at which the spot is real and on one of at most four lines. [rad]
+
+    `series` is the `spot_series` of the curve, `lines` contains coefficients of lines, and `polynomials` is a work
+    array of shape (4, 8). The result is infinite if there is no such error, and NaN if a search does not converge.
+    """
+    _, u, v, w = series
+    for m in range(len(lines)):  # the polynomials g of the lines, and bounds on their second derivatives
+        g = polynomials[m]
+        for k in range(7):
+            g[k] = lines[m, 2] * w[k] - lines[m, 0] * u[k] - lines[m, 1] * v[k]
+        g[7] = math.sqrt(g[1] * g[1] + g[2] * g[2]) + 4.0 * math.sqrt(g[3] * g[3] + g[4] * g[4])
+        g[7] += 9.0 * math.sqrt(g[5] * g[5] + g[6] * g[6])
+    best = math.inf
+    for side in (1.0, -1.0):
+        error = side * first_crossing(series, polynomials[: len(lines)], side, min(abs(best), math.pi))
+        best = error if abs(error) < abs(best) or error != error else best  # NaN has precedence
+    return best
 
 
 @inline
 def first_crossing(series, lines, side: float, limit: float) -> float:
     """Return the minimum |error| of sign `side` at which the spot is real and on one of the lines. [rad]
 
-    `series` is the `spot_series` of the curve, and `lines` contains the `line_series` of one or more lines. If there is
-    more than one line (edges of an aperture), g of the error-free spot must be positive for all lines. In this case, no
-    virtual crossing can precede the first real crossing. The result is infinite if there is no crossing up to `limit`
-    [rad], or if the mirror turns away from the sun before the crossing. The result is NaN if the search along the error
-    does not converge within `_STEPS` steps.
+    `lines` contains the polynomials and bounds of `nearest`. If there is more than one line (edges of an aperture), g
+    of the error-free spot must be positive for all lines. In this case, no virtual crossing can precede the first real
+    crossing. The result is infinite if there is no crossing up to `limit` [rad], or if the mirror turns away from the
+    sun before the crossing. The result is NaN if the search along the error does not converge within `_STEPS` steps.
     """
     error, sign, cosine, sine, bright = 0.0, 0.0, 1.0, 0.0, 0.0
     for _ in range(_STEPS):
         to_root, past_root = math.inf, 0.0
-        for line, bound in lines:
-            g, slope = _value_and_slope(line, cosine, sine)
+        for m in range(len(lines)):
+            g, slope = value_and_slope(lines[m], cosine, sine)
             if sign == 0.0:
                 sign = 1.0 if g >= 0.0 else -1.0
-            earliest = _earliest_root(sign * g, sign * side * slope, bound)
+            earliest = _earliest_root(sign * g, sign * side * slope, lines[m, 7])
             if earliest < to_root:
-                to_root, past_root = earliest, abs(slope) / bound
+                to_root, past_root = earliest, abs(slope) / lines[m, 7]
         if to_root < _LAST_STEP:
-            ahead, _ = _value_and_slope(series[3], cosine, sine)
+            ahead, _ = value_and_slope(series[3], cosine, sine)
             if ahead > _PARALLEL:
                 return error + to_root if error + to_root <= limit else math.inf
             # The curve crosses the line on the virtual branch; the next crossing is at least 2 |g'| / M away.
@@ -503,7 +479,7 @@ def first_crossing(series, lines, side: float, limit: float) -> float:
             sign = 0.0
             to_root = max(past_root, _LAST_STEP)
         if error + to_root > bright:  # the mirror is lit for all errors up to `bright`
-            lit, slope = _value_and_slope(series[0], cosine, sine)
+            lit, slope = value_and_slope(series[0], cosine, sine)
             if not lit > 1e-12:  # the mirror faces away from the sun
                 return math.inf
             bright = error + _earliest_root(lit, side * slope, 1.0)
