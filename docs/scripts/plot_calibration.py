@@ -2,7 +2,7 @@
 Calibration of a heliostat
 ==========================
 
-The errors of a mount from spots that a camera measured on a target, and commands that correct them.
+Estimate the errors of a mount from spots on a target, and compute commands that correct them.
 """
 
 import matplotlib.pyplot as plt
@@ -22,14 +22,14 @@ noise = np.random.default_rng(1).normal(0.0, 0.05, (2, times.size))  # m
 measured = spots.spot_y + noise[0], spots.spot_z + noise[1]
 
 # %%
-# Robust least squares find the errors, with standard errors.
+# Robust least squares estimate the errors and their standard errors.
 
 mount = heliosweep.calibrate_mount(*suns, *measured, **place)
 table = mount[["estimated_error", "standard_error"]].to_pandas()
 print(table.assign(true=pd.Series(truth)).round(2))
 
 # %%
-# With corrected commands the spots meet the aim point.
+# With the corrected commands, the spots are at the aim point.
 
 after = heliosweep.mount_spots(*suns, errors=truth, corrected=mount.estimated_error, **place)
 figure, axes = plt.subplots(figsize=(6, 5), layout="constrained")

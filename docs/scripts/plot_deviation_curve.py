@@ -2,7 +2,7 @@
 Spots of a heliostat with an error
 ==================================
 
-Spots on the receiver over the size of one error, for three kinds of error.
+Compute how the spot moves on the receiver as one error increases, for three kinds of error.
 """
 
 import matplotlib.pyplot as plt
@@ -15,7 +15,7 @@ place = {"pivot": (60.0, 100.0, 4.0), "aim": 50.0, "width": 5.0, "height_extent"
 errors = [("canting", "azimuth"), ("encoder", "encoder_azimuth"), ("tilt", "elevation")]
 
 # %%
-# Each curve is a piece of a conic section. The tracking tolerance is the size at which the spot leaves the aperture.
+# Each curve is part of a conic. The tracking tolerance is the minimum error at which the spot leaves the aperture.
 
 figure, axes = plt.subplots(figsize=(6, 5), layout="constrained")
 for source, axis in errors:

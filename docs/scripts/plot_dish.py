@@ -2,7 +2,7 @@
 A dish on a tilted axis
 =======================
 
-The effective tracking factor of a dish whose azimuth axis is not vertical, and the tilt that a factor allows.
+Compute the effective tracking factor of a dish with a tilted azimuth axis, and the maximum tilt for a required factor.
 """
 
 import matplotlib.pyplot as plt
@@ -18,7 +18,7 @@ tilt = np.linspace(0.0, 0.3, 31)  # deg
 directions = {"north or south": 0.0, "east or west": 90.0}
 
 # %%
-# The factor falls in proportion to the tilt, and depends on its direction.
+# The factor decreases linearly with the tilt and depends on its direction.
 
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 for name, azimuth in directions.items():

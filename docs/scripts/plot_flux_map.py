@@ -2,7 +2,8 @@
 Flux on a cylindrical receiver
 ==============================
 
-Rays of 200 heliostats at noon, with all mirrors aimed at the middle of the receiver, and with three levels of aim.
+Trace rays from 200 heliostats at noon, first with all mirrors aimed at the middle of the receiver, then with three
+aim levels.
 """
 
 import matplotlib.pyplot as plt
@@ -17,7 +18,7 @@ mirrors = {"width": 9.0, "height": 8.0, "slope_error": 1.5, "sun_shape": "limb_d
 noon = {"sun_azimuth": 180.0, "sun_elevation": 53.0, "dni": 900.0, "rays": 4096, "flux_map": (24, 48)}
 
 # %%
-# Aims lie on the surface, at the azimuth of each heliostat. Neighbours in the list aim at different heights.
+# The aim points are on the surface, at the azimuth of each heliostat. Neighbours in the list aim at different heights.
 
 azimuth = np.arctan2(layout.x, layout.y)
 levels = 80.0 + 2.0 * (np.arange(layout.x.size) % 3 - 1)
@@ -28,7 +29,7 @@ cases = {
 }
 
 # %%
-# Three levels cut the peak, and cost some light at the edges.
+# Three levels reduce the peak flux, but some light misses the receiver at its edges.
 
 figure, axes = plt.subplots(2, 1, figsize=(7, 5.4), sharex=True, layout="constrained")
 top = max(float(light.peak_flux) for light in cases.values())

@@ -2,7 +2,7 @@
 Slopes of a mirror from four images
 ===================================
 
-Four cameras near the target see the sun in the mirror. Their images show the slopes of the surface.
+Simulate the images of four cameras near the target that see the sun in the mirror, and compute slopes from the images.
 """
 
 import matplotlib.pyplot as plt
@@ -25,7 +25,7 @@ axes[0].set(ylabel="z [m]")
 figure.colorbar(shown, ax=axes, label="brightness")
 
 # %%
-# The slopes that explain the four images, and their error.
+# Compute the slopes from the four images, and their error.
 
 slopes = heliosweep.reconstruct_slopes(scene, noisy)
 panels = {"horizontal": slopes.slope_x, "vertical": slopes.slope_y, "error, horizontal": slopes.slope_x - true_x}
