@@ -18,7 +18,18 @@ from heliosweep.config.blocks import (
     licence,
     translate,
 )
-from heliosweep.config.faults import SYNONYMS, Fault, Invalid, did_you_mean, each, few_of, in_short, nearest, one_of
+from heliosweep.config.faults import (
+    SYNONYMS,
+    Fault,
+    Invalid,
+    did_you_mean,
+    each,
+    few_of,
+    in_short,
+    nearest,
+    one_of,
+    when,
+)
 from heliosweep.config.layouts import GENERATORS, Layout, Zone
 from heliosweep.config.load import OPTION, execution_keys, load_mapping, settings, validated
 from heliosweep.config.sample import (
@@ -85,6 +96,7 @@ from heliosweep.config.values import (
     MAX_SAMPLES,
     MAX_SEED,
     NORMAL,
+    UNITS,
     Choice,
     Distribution,
     Drawn,
@@ -102,7 +114,6 @@ from heliosweep.config.values import (
     ends,
     factor,
     free_text,
-    is_unit,
     list_schema,
     object_schema,
     read_items,
@@ -131,6 +142,7 @@ __all__ = [
     "SAMPLE",
     "SOBOL",
     "SYNONYMS",
+    "UNITS",
     "YEAR",
     "Block",
     "Choice",
@@ -191,7 +203,6 @@ __all__ = [
     "free_text",
     "id_of",
     "in_short",
-    "is_unit",
     "levels",
     "licence",
     "list_schema",
@@ -226,6 +237,7 @@ __all__ = [
     "variable_name",
     "wall_to_utc",
     "weather_of",
+    "when",
     "with_sites",
     "with_weather",
     "yaml_text",

@@ -18,13 +18,14 @@ from heliosweep.config.faults import (
     MAX_FAULTS,
     SYNONYMS,
     Fault,
-    Invalid,
     Path,
     in_short,
     nearest,
     one_of,
+    require,
     shown,
     to_pydantic,
+    when,
 )
 from heliosweep.config.source import Source
 from heliosweep.config.values import Choice, FileName, Flag, Parameter, Quantity, Sweep, Text, free_text
@@ -259,9 +260,8 @@ class Output(Block):
 
     def without_series(self) -> Iterable[Fault]:
         """Yield a fault if a time series is requested although each instant is already a point of the result."""
-        if self.time_series:
-            message = "has no effect, because each instant is already a point of the result: remove it"
-            yield Fault(message, ("output", "time_series"), show_value=False)
+        message = "has no effect, because each instant is already a point of the result: remove it"
+        return when((self.time_series, Fault(message, ("output", "time_series"), show_value=False)))
 
 
 class Published(Block):
@@ -291,8 +291,8 @@ class Scheduler(Choice):
         if not isinstance(raw, str) or "://" not in raw:
             return super()._one(raw)
         found = _ADDRESS.fullmatch(raw)
-        if not found or not 1 <= int(found.group(1)) <= 65535:
-            raise Invalid("must be tcp://HOST:PORT or tls://HOST:PORT, PORT between 1 and 65535")
+        allowed = found and 1 <= int(found.group(1)) <= 65535
+        require(allowed, "must be tcp://HOST:PORT or tls://HOST:PORT, PORT between 1 and 65535")
         return raw
 
 
@@ -361,10 +361,12 @@ class Execution(Block):
 
     def rules(self) -> Iterable[Fault]:
         """Check that `cluster` has a class and that the scheduler is ``distributed``."""
-        if self.cluster is not None and "." not in str(self.cluster.get("class", "")):
-            yield Fault("must have a class, such as class: dask_jobqueue.SLURMCluster", ("cluster",))
-        elif self.cluster is not None and self.scheduler != "distributed":
-            yield Fault("is for scheduler: distributed", ("cluster",), show_value=False)
+        given, named = self.cluster is not None, "." in str((self.cluster or {}).get("class", ""))
+        return when(
+            (given and not named, Fault("must have a class, such as class: dask_jobqueue.SLURMCluster", ("cluster",))),
+            (named and self.scheduler != "distributed",
+             Fault("is for scheduler: distributed", ("cluster",), show_value=False)),
+        )  # fmt: skip
 
 
 #: Prefix for the names of licences that are not in the SPDX list.
@@ -374,9 +376,8 @@ OWN = "LicenseRef-"
 def _matched(expression: str, example: str, raw: Any) -> str:
     """Return the text that matches the expression, or the text in its group. Raises Invalid if there is no match."""
     match = re.fullmatch(expression, free_text(raw).strip())
-    if match is None:
-        raise Invalid(f"must be {example}")
-    return match[1] if match.re.groups and match[1] else match[0]
+    require(match, f"must be {example}")
+    return match[match.lastindex or 0]  # type: ignore[index, union-attr]
 
 
 def licence(text: str) -> str:

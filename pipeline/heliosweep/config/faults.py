@@ -85,6 +85,17 @@ class Invalid(ValueError):
         super().__init__("; ".join(fault.message for fault in self.faults))
 
 
+def require(holds: object, message: str, *path: str | int, show_value: bool = True) -> None:
+    """Raise Invalid with a fault at `path` unless a condition is true."""
+    if not holds:
+        raise Invalid(Fault(message, path, show_value))
+
+
+def when(*rules: tuple[object, Fault]) -> Iterator[Fault]:
+    """Return the faults whose conditions are true."""
+    return (fault for wrong, fault in rules if wrong)
+
+
 class Faults(list[Fault]):
     """List of faults to be raised as one error."""
 

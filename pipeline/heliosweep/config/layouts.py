@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from heliosweep.config.blocks import Block
-from heliosweep.config.faults import Fault, one_of
+from heliosweep.config.faults import Fault, one_of, when
 from heliosweep.config.values import Choice, FileName, Numbers, Quantity, Sweep
 
 #: Keys of the layout generators.
@@ -79,12 +79,14 @@ class RadialStagger(Block):
     def rules(self) -> Iterable[Fault]:
         """Check that exactly one key specifies the extent of the field."""
         given = [key for key in ("rings", "heliostats", "zones") if getattr(self, key) is not None]
-        if len(given) > 1:
-            yield Fault("give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False)
-        if self.inner_radius is None and self.zones is None:
-            yield Fault("'inner_radius' is missing: the radius of the first ring, in m", show_value=False)
-        if self.spacing is not None and self.zones is not None:
-            yield Fault("generates zones itself: remove 'zones', or this key", ("spacing",), show_value=False)
+        return when(
+            (len(given) > 1,
+             Fault("give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False)),
+            (self.inner_radius is self.zones is None,
+             Fault("'inner_radius' is missing: the radius of the first ring, in m", show_value=False)),
+            (self.spacing is not None and self.zones is not None,
+             Fault("generates zones itself: remove 'zones', or this key", ("spacing",), show_value=False)),
+        )  # fmt: skip
 
 
 class Spiral(Block):
@@ -171,11 +173,12 @@ class Terrain(Block):
 
     def rules(self) -> Iterable[Fault]:
         """Check that the terrain is either a grid, or a slope with its azimuth."""
-        if (self.file is None) == (self.slope is None):
-            yield Fault("give exactly one of 'file' and 'slope'", show_value=False)
-        elif (self.slope is None) != (self.azimuth is None):
-            yield Fault("'slope' and 'azimuth' must be given together: steepness and direction of the slope",
-                        show_value=False)  # fmt: skip
+        one = (self.file is None) != (self.slope is None)
+        both = "'slope' and 'azimuth' must be given together: steepness and direction of the slope"
+        return when(
+            (not one, Fault("give exactly one of 'file' and 'slope'", show_value=False)),
+            (one and (self.slope is None) != (self.azimuth is None), Fault(both, show_value=False)),
+        )
 
 
 class Layout(Block):
@@ -234,28 +237,26 @@ class Layout(Block):
 
     def rules(self) -> Iterable[Fault]:
         """Check that the layout has one source of positions, and that a generated field has a limited extent."""
-        given = [key for key in SOURCES if getattr(self, key) is not None]
-        if len(given) != 1:
-            yield Fault(f"give exactly one of {one_of(SOURCES).replace(' or ', ' and ')}", show_value=False)
-            return
-        if self.table is not None and len(set(map(len, self.table.values()))) != 1:
-            yield Fault("needs lists of equal length, one for each column", ("table",), show_value=False)
-        if given[0] not in ("file", "table"):
-            yield from self._ground_rules(given[0])
-            return
-        for key in GROUND:
-            if getattr(self, key) is not None:
-                yield Fault(f"applies only to generated layouts: remove it, or '{given[0]}'", (key,), show_value=False)
-
-    def _ground_rules(self, generator: str) -> Iterable[Fault]:
-        heights, areas = self.terrain and self.terrain.file, {"boundary": self.boundary, "exclude": self.exclude}
-        for key, files in (("margin", areas), ("origin", areas | {"terrain.file": heights})):
-            if getattr(self, key) is not None and not any(files.values()):
-                yield Fault(f"is for {one_of(files)}: give one of these, or remove it", (key,), show_value=False)
-        block = getattr(self, generator)
-        ends = [key for key in ("rings", "heliostats", "zones") if key in type(block).model_fields]
-        if self.boundary is None and all(getattr(block, key) is None for key in ends):
-            what = f"exactly one of {one_of(ends).replace(' or ', ' and ')}" if len(ends) > 1 else "'heliostats'"
-            yield Fault(
-                f"give {what}, or a 'boundary' to fill: the extent of the field", (generator,), show_value=False
+        sources = [key for key in SOURCES if getattr(self, key) is not None]
+        if len(sources) != 1:
+            return [Fault(f"give exactly one of {one_of(SOURCES).replace(' or ', ' and ')}", show_value=False)]
+        given, (source,) = {key for key in type(self).model_fields if getattr(self, key) is not None}, sources
+        if source in ("file", "table"):
+            unequal = len(set(map(len, (self.table or {"": ()}).values()))) != 1
+            message = f"applies only to generated layouts: remove it, or '{source}'"
+            return when(
+                (unequal, Fault("needs lists of equal length, one for each column", ("table",), show_value=False)),
+                *((key in given, Fault(message, (key,), show_value=False)) for key in GROUND),
             )
+        areas = {"boundary": self.boundary, "exclude": self.exclude}
+        files = {"margin": areas, "origin": areas | {"terrain.file": self.terrain and self.terrain.file}}
+        block = getattr(self, source)
+        ends = [key for key in ("rings", "heliostats", "zones") if key in type(block).model_fields]
+        what = f"exactly one of {one_of(ends).replace(' or ', ' and ')}" if len(ends) > 1 else "'heliostats'"
+        return when(
+            *((key in given and not any(paths.values()),
+               Fault(f"is for {one_of(paths)}: give one of these, or remove it", (key,), show_value=False))
+              for key, paths in files.items()),
+            (self.boundary is None and all(getattr(block, key) is None for key in ends),
+             Fault(f"give {what}, or a 'boundary' to fill: the extent of the field", (source,), show_value=False)),
+        )  # fmt: skip

@@ -26,7 +26,7 @@ import numpy as np
 from pydantic import Field
 
 from heliosweep.config.blocks import Block
-from heliosweep.config.faults import Fault, did_you_mean, shown
+from heliosweep.config.faults import Fault, did_you_mean, shown, when
 from heliosweep.config.values import LEAST, MAX_SEED, Choice, Drawn, Flag, Quantity, Samples, Sweep, Text
 from heliosweep.errors import load_extra
 from heliosweep.lazy import scipy
@@ -228,14 +228,14 @@ class Sample(Block):
             ("statistics", own_design and self.statistics != SampleStatistics(), f"{purpose}, because its draws "
              "do not follow the distributions: remove it"),
         )  # fmt: skip
-        for key, applies, message in wrong:
-            if applies:
-                yield Fault(message, (key,), show_value=key in ("size", "design"))
-        if kind != LOCAL and size is None:
-            yield Fault("'size' is missing: the number of draws", show_value=False)
-        elif size and not own_design and self.design == SOBOL and (size < 2 * REPLICATES or size & (size - 1)):
-            near = max(2 * REPLICATES, 2 ** (size.bit_length() - 1))
-            yield Fault(f"must be a power of two for 'design: sobol', such as {near:,} or {2 * near:,}", ("size",))
+        is_sobol = self.design == SOBOL and not own_design
+        near = max(2 * REPLICATES, 2 ** ((size or 1).bit_length() - 1))
+        power = f"must be a power of two for 'design: sobol', such as {near:,} or {2 * near:,}"
+        return when(
+            *((applies, Fault(message, (key,), key in ("size", "design"))) for key, applies, message in wrong),
+            (kind != LOCAL and size is None, Fault("'size' is missing: the number of draws", show_value=False)),
+            (size and is_sobol and (size < 2 * REPLICATES or size & (size - 1)), Fault(power, ("size",))),
+        )
 
 
 def drawn_keys(study: Study) -> dict[str, Drawn]:

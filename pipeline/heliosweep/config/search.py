@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
 from heliosweep.config.blocks import Block, blocks_in
-from heliosweep.config.faults import Fault, Faults, Invalid, did_you_mean, each, one_of
+from heliosweep.config.faults import Fault, Faults, did_you_mean, each, one_of, require, shown, when
 from heliosweep.config.source import Source
 from heliosweep.config.values import (
     MAX_SEED,
@@ -42,8 +42,8 @@ class Results(Parameter):
     def read(self, raw: Any) -> tuple[str, ...]:
         """Return the names. Raises Invalid."""
         names = raw if isinstance(raw, list | tuple) else (raw,)
-        if not all(isinstance(name, str) and name.strip() for name in names):
-            raise Invalid("must be the name of a result, or a list of two")
+        named = all(isinstance(name, str) and name.strip() for name in names)
+        require(named, "must be the name of a result, or a list of two")
         return read_items(names, str) if names else ()
 
     def _one_schema(self) -> Schema:
@@ -56,17 +56,8 @@ class Extent(Parameter):
     """Values of a searched key before conversion to the unit of the key: ``[low, high]`` or ``{choice: [...]}``."""
 
     def read(self, raw: Any) -> Any:
-        """Return bounds as a tuple, or choices as a mapping. Raises Invalid."""
-        if not isinstance(raw, Mapping):
-            if not isinstance(raw, list | tuple) or len(raw) != 2:
-                raise Invalid(f"must be the minimum and the maximum: {_FORM}")
-            return tuple(raw)
-        return read_mapping(raw, {"choice": self._choices}, ("choice",), _FORM)
-
-    def _choices(self, values: Any) -> tuple[Any, ...]:
-        if not isinstance(values, list | tuple) or len(values) < 2:
-            raise Invalid("must be a list of at least two values")
-        return tuple(values)
+        """Return bounds as a tuple, or choices as a mapping. `with_search` has checked and converted both."""
+        return tuple(raw) if isinstance(raw, list) else raw
 
     def _one_schema(self) -> Schema:
         return {"anyOf": [{"type": "array", "minItems": 2, "maxItems": 2}, object_schema("", {"choice": {}})]}
@@ -80,10 +71,11 @@ class Limit(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check that there is at least one bound, and that the minimum does not exceed the maximum."""
-        if self.at_least is None and self.at_most is None:
-            yield Fault("give 'at_least', 'at_most' or both", show_value=False)
-        elif self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
-            yield Fault("must not exceed 'at_most'", ("at_least",))
+        low, high = self.at_least, self.at_most
+        return when(
+            (low is high is None, Fault("give 'at_least', 'at_most' or both", show_value=False)),
+            (low is not None and high is not None and low > high, Fault("must not exceed 'at_most'", ("at_least",))),
+        )
 
 
 class Search(Block):
@@ -110,16 +102,15 @@ class Search(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check that there are one or two objectives, and enough evaluations for a generation."""
-        goals = len(self.goals())
-        if not 1 <= len(self.maximise) + len(self.minimise) <= 2:
-            yield Fault("give one result to 'maximise' or 'minimise', or two results for a front of best compromises",
-                        show_value=False)  # fmt: skip
-        elif goals < len(self.maximise) + len(self.minimise):
-            yield Fault("is also maximised: remove one of them", ("minimise",))
-        elif self.budget < (needed := population(len(self.over), goals)):
-            yield Fault(
-                f"must be at least {needed}, one generation of a search over {len(self.over)} keys", ("budget",)
-            )
+        goals, named = len(self.goals()), len(self.maximise) + len(self.minimise)
+        needed = population(len(self.over), goals)
+        message = f"must be at least {needed}, one generation of a search over {len(self.over)} keys"
+        front = "give one result to 'maximise' or 'minimise', or two results for a front of best compromises"
+        return when(
+            (not 1 <= named <= 2, Fault(front, show_value=False)),
+            (goals < named == 2, Fault("is also maximised: remove one of them", ("minimise",))),
+            (1 <= goals == named <= 2 and self.budget < needed, Fault(message, ("budget",))),
+        )
 
     def goals(self) -> dict[str, float]:
         """Return the sign of each objective: 1 to minimise, -1 to maximise."""
@@ -154,43 +145,47 @@ def with_search(source: Source, study_class: type[Study], problems: list[Problem
     If a searched key has no value, the search starts at the middle of its bounds, or at the first choice. Problems with
     searched keys are added to `problems`.
     """
-    try:
-        extents = {str(key): Extent("").read(raw) for key, raw in source.data["search"]["over"].items()}
-    except (KeyError, TypeError, AttributeError, Invalid):  # reported by the validation
-        return source
-    data, known = copy.deepcopy(source.data), searchable(study_class)
-    for key, extent in extents.items():
-        place, faults = ("search", "over", key), Faults()
+    search = source.data.get("search")
+    over = search.get("over") if isinstance(search, dict) else None
+    data, known, faults = copy.deepcopy(source.data), searchable(study_class), Faults()
+    for key, extent in over.items() if isinstance(over, dict) else ():
         if key not in known:
             hint = did_you_mean(key, known) or ": only keys that can be swept can be searched"
-            problems.append(source.problem(place, f"is not a key that can be searched{hint}", at_key=True))
+            message = f"is not a key that can be searched{hint}"
+            problems.append(source.problem(("search", "over", key), message, at_key=True))
             continue
-        with faults.under(*place):
+        with faults.under("search", "over", key):
             data["search"]["over"][key], first = _read(known[key], extent)
             block, (*outer, name) = data, key.split(".")
             for part in outer:
                 block = block.setdefault(part, {}) if isinstance(block, dict) else {}
             if isinstance(block, dict):
                 block.setdefault(name, first)
-        problems += (source.problem(fault.path, fault.message) for fault in faults)
+    problems += (source.problem(fault.path, fault.message) for fault in faults)
     return replace(source, data=data)
 
 
 def _read(declared: Parameter, extent: Any) -> tuple[Any, Any]:
     """Return the bounds or choices in the unit of the key, and the start value of the search. Raises Invalid."""
     one = replace(declared, sweep=False)
+
+    def choices(values: Any) -> list[Any]:
+        several = isinstance(values, list) and len(values) > 1
+        require(several, f"must be a list of at least two values (got {shown(values)})")
+        return list(read_items(values, one.read))
+
     if isinstance(extent, dict):
-        read = read_mapping(extent, {"choice": lambda values: list(read_items(values, one.read))}, (), _FORM)
+        read = read_mapping(extent, {"choice": choices}, ("choice",), _FORM)
         return read, read["choice"][0]
-    if not isinstance(declared, Quantity):
-        raise Invalid("is a name: write {choice: [...]}")
+    pair = isinstance(extent, list) and len(extent) == 2
+    require(pair, f"must be the minimum and the maximum: {_FORM} (got {shown(extent)})")
+    require(isinstance(declared, Quantity), "is a name: write {choice: [...]}")
     low, high = each(extent, one.read)
-    if low >= high:
-        raise Invalid("the first number must be smaller than the second")
-    if high - low < max(1e-9 * max(abs(low), abs(high)), 1e-250):
-        raise Invalid("the numbers are too close to search between them")
+    require(low < high, "the first number must be smaller than the second")
+    close = high - low < max(1e-9 * max(abs(low), abs(high)), 1e-250)
+    require(not close, "the numbers are too close to search between them")
     middle = low + (high - low) / 2
-    return [low, high], int(middle) if declared.integer else middle
+    return [low, high], int(middle) if getattr(declared, "integer", False) else middle
 
 
 def search_problems(study: Study) -> Iterator[Problem]:
@@ -206,20 +201,15 @@ def search_problems(study: Study) -> Iterator[Problem]:
             message = "is drawn from a distribution, which a search does not support: give one value"
         yield study.problem(key, message)
     for key, extent in search.over.items():
-        value = given.get(key)
+        value, message = given.get(key), "is the starting value of the search and must be"
         if value is None:
             yield study.source.problem(("search", "over", key), "is not used by this study")
         elif not isinstance(value, int | float | str | Sweep):
             yield study.problem(key, "is both drawn from a distribution and searched: give one value, or remove it")
         elif isinstance(extent, dict) and not isinstance(value, Sweep) and value not in extent["choice"]:
-            yield study.problem(
-                key, f"is the starting value of the search and must be {one_of(map(str, extent['choice']))}"
-            )
+            yield study.problem(key, f"{message} {one_of(map(str, extent['choice']))}")
         elif isinstance(extent, tuple) and not isinstance(value, Sweep) and not extent[0] <= value <= extent[1]:
-            message = (
-                f"is the starting value of the search and must be between {extent[0]:g} and {extent[1]:g}, its bounds"
-            )
-            yield study.problem(key, message)
+            yield study.problem(key, f"{message} between {extent[0]:g} and {extent[1]:g}, its bounds")
     if study.report.published is not None:
         yield study.problem("report.published", "is for sweeps: remove it from a search")
     if study.sample is not None:

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError
 
 from heliosweep.config.blocks import Block, translate
-from heliosweep.config.faults import Fault, Path, few_of, shown, to_pydantic
+from heliosweep.config.faults import Fault, Path, few_of, shown, to_pydantic, when
 from heliosweep.config.source import Source
 from heliosweep.config.study import Study
 from heliosweep.config.tables import Column, Table, read_table
@@ -144,9 +144,10 @@ class ClearSky(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check that the clear-sky model uses the given atmospheric keys."""
-        for key, model in KEYS_OF.items():
-            if getattr(self, key) is not None and model not in ends(self.model):
-                yield Fault(f"is only used for the model {model}; remove it", (key,))
+        return when(
+            *((getattr(self, key) is not None and model not in ends(self.model),
+               Fault(f"is only used for the model {model}; remove it", (key,))) for key, model in KEYS_OF.items())
+        )  # fmt: skip
 
 
 #: Clear-sky model that uses each atmospheric key.
@@ -209,13 +210,14 @@ class Weather(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check that either a file or a clear sky is given, but not both."""
-        if (self.file is None) == (self.clear_sky is None):
-            yield Fault("give exactly one of 'file' and 'clear_sky'", show_value=False)
-        for key in ("label", "offset", "timezone"):
-            if self.file is None and getattr(self, key) is not None:
-                yield Fault("applies only to a weather file: remove it", (key,))
-        if self.label is not None and self.offset is not None:
-            yield Fault("give either 'label' or 'offset'", ("offset",))
+        one = (self.file is None) != (self.clear_sky is None)
+        return when(
+            (not one, Fault("give exactly one of 'file' and 'clear_sky'", show_value=False)),
+            *((self.file is None and getattr(self, key) is not None,
+               Fault("applies only to a weather file: remove it", (key,))) for key in ("label", "offset", "timezone")),
+            (self.label is not None and self.offset is not None,
+             Fault("give either 'label' or 'offset'", ("offset",))),
+        )  # fmt: skip
 
 
 class Limits(Block):

@@ -174,6 +174,8 @@ def from_python(value: Any) -> Any:
         return [from_python(entry) for entry in value]
     if isinstance(value, range):  # not expanded, because a range may be long
         return {"start": value[0], "stop": value[-1], "num": len(value)} if value else []
+    if hasattr(value, "spec"):  # a sweep, a distribution or dates of another study
+        return value.spec()
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if hasattr(value, "columns") and hasattr(value, "iloc"):  # a pandas table

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from heliosweep.config.faults import did_you_mean, nearest
 from heliosweep.config.source import text_of
-from heliosweep.config.values import is_unit
+from heliosweep.config.values import UNITS
 from heliosweep.errors import Problem, StudyError, listed
 from heliosweep.files import read_once
 
@@ -301,7 +301,7 @@ class Table:
             if title in columns or not key or key in self.header:
                 continue
             stated = re.findall(r"\bin ([^\s,;]+)|\[([^\[\]]+)\]$", columns[key].meaning)
-            wanted = next((unit for found in reversed(stated) for unit in found if is_unit(unit)), "")
+            wanted = next((unit for found in reversed(stated) for unit in found if unit in UNITS), "")
             unit = plain_unit(said if wanted and whole not in named else "")
             if unit in ("", wanted, *columns[key].units):
                 self.header[position], self.forms[key], self.units[key] = key, said, unit

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from heliosweep.config.blocks import Block
-from heliosweep.config.faults import Fault, Invalid, nearest
+from heliosweep.config.faults import Fault, Invalid, nearest, require, when
 from heliosweep.config.values import (
     Choice,
     Parameter,
@@ -173,14 +173,14 @@ class SolarTime(Block):
 
     def rules(self) -> Iterable[Fault]:
         """Check that days and declinations are not combined, and that the sampling suits the range of hours."""
-        if self.declination is not None and self.days is not None:
-            yield Fault("give 'days' or 'declination', not both", ("declination",), show_value=False)
-        if self.sampling != "inclusive":
-            if len(self.hours) < 2 or "num" not in (self.hours.form or ()):
-                message = f"must be a range {{start, stop, step}} for the sampling '{self.sampling}'"
-                yield Fault(message, ("hours",), show_value=False)
-            elif not self.hours.reaches:
-                yield _uneven(self.sampling, ("hours", "step"))
+        steps, even = self.sampling != "inclusive", len(self.hours) > 1 and "num" in (self.hours.form or ())
+        message = f"must be a range {{start, stop, step}} for the sampling '{self.sampling}'"
+        return when(
+            (self.declination is not None and self.days is not None,
+             Fault("give 'days' or 'declination', not both", ("declination",), show_value=False)),
+            (steps and not even, Fault(message, ("hours",), show_value=False)),
+            (steps and even and not self.hours.reaches, _uneven(self.sampling, ("hours", "step"))),
+        )  # fmt: skip
 
     def day_numbers(self) -> NDArray[np.int64]:
         """Return the days of the year, 1 to 365, shape (days,); empty if the study specifies declinations."""
@@ -225,16 +225,13 @@ class Dates(Parameter):
 
     def read(self, raw: Any) -> DateList:
         """Return the dates. Raises Invalid."""
-        if isinstance(raw, DateList):
-            return raw
         if not isinstance(raw, Mapping):
             return DateList(read_items(raw, _date) if isinstance(raw, list | tuple) else (_date(raw),))
         readers = {"start": _date, "stop": _date, "step": _DAYS.read}
         form = "a range of dates is {start, stop, step}"
         values = {"step": 1} | read_mapping(raw, readers, ("start", "stop"), form)
         first, last, step = values["start"].toordinal(), values["stop"].toordinal(), values["step"]
-        if last < first:
-            raise Invalid(Fault(f"must not be before the start, {values['start']}", ("stop",)))
+        require(first <= last, f"must not be before the start, {values['start']}", "stop")
         return DateList(tuple(dt.date.fromordinal(day) for day in range(first, last + 1, step)))
 
     def _one_schema(self) -> dict[str, Any]:
@@ -250,8 +247,8 @@ def wall_time(raw: Any) -> str:
         sunlit = "; 'sunrise' and 'sunset' are for dish_tracking" * (raw in ("sunrise", "sunset"))
         raise Invalid(f"must be a time of day such as '07:00'{sunlit}")
     hours, minutes, seconds = (int(part or 0) for part in match.groups())
-    if minutes > 59 or seconds > 59 or (hours, minutes, seconds) > (24, 0, 0):
-        raise Invalid("must be a time of day between '00:00' and '24:00'")
+    valid = minutes < 60 and seconds < 60 and (hours, minutes, seconds) <= (24, 0, 0)
+    require(valid, "must be a time of day between '00:00' and '24:00'")
     return f"{hours:02}:{minutes:02}" + (f":{seconds:02}" if seconds else "")
 
 
@@ -265,16 +262,14 @@ class WallTime(Text):
 def time_zone(raw: Any) -> str:
     """Return a fixed offset from UTC such as ``+08:00``, or an IANA name such as ``Asia/Shanghai``. Raises Invalid."""
     hint = "must be an offset such as '+08:00' or a name such as 'Asia/Shanghai'"
-    if not isinstance(raw, str):
-        raise Invalid(f"{hint}, in quotes")
+    require(isinstance(raw, str), f"{hint}, in quotes")
     if raw[:1] in ("+", "-"):
         match = OFFSET.fullmatch(raw)
-        if match is None or int(match[1]) > 14 or int(match[2]) > 59:
-            raise Invalid(hint)
+        require(match and int(match[1]) <= 14 and int(match[2]) <= 59, hint)
     elif raw not in zone_names():
         near = suggestion(raw)
         raise Invalid(f"unknown time zone; did you mean {near}?" if near else f"unknown time zone; it {hint}")
-    return raw
+    return str(raw)
 
 
 #: Parameter whose value is a time zone.
@@ -290,10 +285,11 @@ class Window(Block):
 
     def rules(self) -> Iterable[Fault]:
         """Check that the window ends after its start and contains at least one step."""
-        if seconds_of(self.stop) <= seconds_of(self.start):
-            yield Fault(f"must be after the start, {self.start}", ("stop",))
-        elif self.step * 3600 > (seconds_of(self.stop) - seconds_of(self.start)) * (1 + 1e-9):
-            yield Fault("must not be longer than the window", ("step",))
+        length = seconds_of(self.stop) - seconds_of(self.start)
+        return when(
+            (length <= 0, Fault(f"must be after the start, {self.start}", ("stop",))),
+            (0 < length * (1 + 1e-9) < self.step * 3600, Fault("must not be longer than the window", ("step",))),
+        )
 
 
 class CivilTime(Block):
@@ -311,8 +307,8 @@ class CivilTime(Block):
         """Check that the window contains a whole number of steps if each instant represents a step."""
         start, stop, step = self.window_seconds()
         steps = (stop - start) / step
-        if self.sampling != "inclusive" and (math.isinf(steps) or abs(steps - round(steps)) > 1e-9 * steps):
-            yield _uneven(self.sampling, ("window", "step"))
+        uneven = math.isinf(steps) or abs(steps - round(steps)) > 1e-9 * steps
+        return when((self.sampling != "inclusive" and uneven, _uneven(self.sampling, ("window", "step"))))
 
     def date_list(self) -> list[dt.date]:
         """Return all dates."""
@@ -378,10 +374,8 @@ def _date(raw: Any) -> dt.date:
             date = dt.date.fromisoformat(raw)
         except ValueError:
             raise Invalid("is not a date of the calendar") from None
-    if not isinstance(date, dt.date):
-        raise Invalid("must be a date YYYY-MM-DD")
-    if isinstance(raw, dt.datetime) and raw.time() != dt.time():
-        raise Invalid("must be a date without a time of day")
-    if not FIRST_YEAR <= date.year <= LAST_YEAR:
-        raise Invalid(f"must be a date of the years {FIRST_YEAR} to {LAST_YEAR}")
+    require(isinstance(date, dt.date), "must be a date YYYY-MM-DD")
+    midnight = not isinstance(raw, dt.datetime) or raw.time() == dt.time()
+    require(midnight, "must be a date without a time of day")
+    require(FIRST_YEAR <= date.year <= LAST_YEAR, f"must be a date of the years {FIRST_YEAR} to {LAST_YEAR}")
     return date

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast
 
 import numpy as np
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -35,6 +35,7 @@ from heliosweep.config.faults import (
     each,
     nearest,
     one_of,
+    require,
     to_pydantic,
 )
 from heliosweep.lazy import scipy
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
 #: Maximum number of values in a sweep.
 MAX_POINTS = 10**6
 _FORMS = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
-_ON_STEP = Decimal("1e-9")  # maximum distance between stop and last step that counts as rounding, in steps
+_ON_STEP = Fraction("1e-9")  # maximum distance between stop and last step that counts as rounding, in steps
 #: Message for a list with equal values.
 TWICE = "the list contains the same value twice"
 ReadNumber = Callable[[Any], float]
@@ -93,18 +94,13 @@ class Sweep:
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.spec()})"
 
-    @property
-    def holds_names(self) -> bool:
-        """True if the values are names."""
-        return isinstance(self._values, tuple)
-
     def values(self) -> Any:
         """Return all values: an array of float64, shape (n,), or a tuple of str."""
         return self._values
 
     def items(self) -> tuple[Any, ...]:
         """Return all values as a tuple of float or of str."""
-        return tuple(self.values() if self.holds_names else self.values().tolist())
+        return tuple(getattr(self.values(), "tolist", self.values)())
 
     def ends(self) -> tuple[Any, ...]:
         """Return all values of a list, or both ends of a (monotonic) range."""
@@ -156,7 +152,7 @@ def geometric_range(start: float, stop: float, num: int) -> Sweep:
 
 def as_range(sweep: Sweep) -> Sweep:
     """Convert a list of evenly spaced numbers to the equivalent range. Other sweeps are not changed."""
-    if sweep.form is not None or sweep.holds_names:
+    if sweep.form is not None or isinstance(sweep[0], str):
         return sweep
     same = even_range(sweep[0], sweep[-1], len(sweep))
     return same if np.array_equal(same.values(), sweep.values()) else sweep
@@ -174,14 +170,12 @@ def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber, repea
     if "logspace" not in raw:
         return _read_range(raw, number)
     geometric = {"logspace": partial(_read_range, number=number, geometric=True)}
-    found: Sweep = read_mapping(raw, geometric, ("logspace",), _FORMS)["logspace"]
-    return found
+    return cast("Sweep", read_mapping(raw, geometric, ("logspace",), _FORMS)["logspace"])
 
 
 def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = False) -> tuple[Any, ...]:
     """Read the entries of a non-empty list. The entries must be different unless `repeats` is True. Raises Invalid."""
-    if not raw:
-        raise Invalid(Fault("the list is empty: give at least one value", show_value=False))
+    require(raw, "the list is empty: give at least one value", show_value=False)
     values, first = tuple(each(raw, read)), dict[Any, int]()
     if again := [at for at, value in enumerate(values) if first.setdefault(value, at) != at and not repeats]:
         raise Invalid(Fault(TWICE, (at,)) for at in again[: MAX_FAULTS + 1])
@@ -196,33 +190,24 @@ def _read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
     start, stop, num, reaches = values["start"], values["stop"], values.get("num"), True
     if geometric and 0 in (start, stop):
         raise Invalid([Fault("must not be zero", (key,)) for key in ("start", "stop") if values[key] == 0])
-    if geometric and (start < 0) != (stop < 0):
-        raise Invalid(Fault("must have the same sign as start", ("stop",)))
+    require(not geometric or (start < 0) == (stop < 0), "must have the same sign as start", "stop")
     if num is None:
-        num, stop, reaches = _stepped(start, stop, values["step"])
-    elif num == 1 and start != stop:
-        raise Invalid(Fault("must be at least 2 if start and stop differ", ("num",)))
-    if num > 1 and start == stop:
-        raise Invalid(Fault("must differ from start if there is more than one value", ("stop",)))
-    if num > 1 and abs(stop - start) / (num - 1) < math.ulp(max(abs(start), abs(stop))):
-        raise Invalid(Fault("the steps are finer than the precision of numbers", (*(counts.keys() & raw.keys()),)))
+        require(values["step"] != 0, "must not be zero", "step")
+        begin, step = _fraction(start), _fraction(values["step"])
+        steps, sign = (_fraction(stop) - begin) / step, "positive" if stop > start else "negative"
+        require(steps >= 0, f"has the wrong sign: from {start:.12g} to {stop:.12g} it must be {sign}", "step")
+        many = f"gives more than {MAX_POINTS:,} values: check that the step is not too small"
+        require(steps < MAX_POINTS, many, "step")
+        num = int(steps + _ON_STEP) + 1
+        reaches = abs(steps - (num - 1)) <= _ON_STEP
+        stop = stop if reaches else float(begin + (num - 1) * step)
+    else:
+        require(num > 1 or start == stop, "must be at least 2 if start and stop differ", "num")
+    if num > 1:
+        require(start != stop, "must differ from start if there is more than one value", "stop")
+        fine = abs(stop - start) / (num - 1) < math.ulp(max(abs(start), abs(stop)))
+        require(not fine, "the steps are finer than the precision of numbers", *(counts.keys() & raw.keys()))
     return geometric_range(start, stop, num) if geometric else even_range(start, stop, num, reaches=reaches)
-
-
-def _stepped(start: float, stop: float, step: float) -> tuple[int, float, bool]:
-    """Return the number of values, the last value, and True if the last value is the stop."""
-    if step == 0:
-        raise Invalid(Fault("must not be zero", ("step",)))
-    exact_start, exact_step = Decimal(repr(start)), Decimal(repr(step))
-    steps = (Decimal(repr(stop)) - exact_start) / exact_step
-    if steps < 0:
-        sign = "positive" if stop > start else "negative"
-        raise Invalid(Fault(f"has the wrong sign: from {start:.12g} to {stop:.12g} it must be {sign}", ("step",)))
-    if steps >= MAX_POINTS:
-        raise Invalid(Fault(f"gives more than {MAX_POINTS:,} values: check that the step is not too small", ("step",)))
-    whole = int(steps + _ON_STEP)
-    reaches = abs(steps - whole) <= _ON_STEP
-    return whole + 1, stop if reaches else float(exact_start + whole * exact_step), reaches
 
 
 def read_mapping(
@@ -251,8 +236,7 @@ def read_mapping(
     Invalid
         If an entry is invalid. Each fault is located at the key of the entry.
     """
-    if not isinstance(raw, Mapping):
-        raise Invalid(f"must be a mapping: {form}")
+    require(isinstance(raw, Mapping), f"must be a mapping: {form}")
     faults, values, meant = Faults(), dict[str, Any](), set[str | None]()
     for key in [str(key) for key in raw if key not in readers][:MAX_FAULTS]:
         meant.add(nearest(key, readers))
@@ -375,12 +359,12 @@ class Drawn(Sweep):
             return Sweep(self.ends()).values()
         if not self._are_draws:
             values = self.quantile(self.design.points()[:, self.column])
-            self._values, self._are_draws = (tuple(values) if self.holds_names else values), True
+            self._values, self._are_draws = (tuple(values) if values.dtype == object else values), True
         return self._values
 
     def ends(self) -> tuple[Any, ...]:
         """Return the minimum and maximum of the draws, or all names."""
-        if self.holds_names:
+        if self.kind == DISCRETE and isinstance(self.parts[0], str):
             return self.parts
         if self.kind not in (NORMAL, LOGNORMAL):
             own = self.parts[2:] if self.kind == TRUNCATED else self.parts
@@ -394,7 +378,9 @@ class Drawn(Sweep):
         )
 
     def outside(self, low: float, high: float) -> float:
-        """Return the probability that a value of a (log)normal distribution is below `low` or above `high`."""
+        """Return the probability that a (log)normal value is below `low` or above `high`; 0 for other distributions."""
+        if self.kind not in (NORMAL, LOGNORMAL):
+            return 0.0
         mean, deviation = self.parts
         if self.kind == LOGNORMAL:
             mean, low, high = (math.log(value) if value > 0 else -math.inf for value in (mean, low, high))
@@ -405,7 +391,7 @@ class Drawn(Sweep):
     def quantile(self, probability: NDArray[np.float64]) -> NDArray[Any]:
         """Return the quantiles at given probabilities. Names are in the order of the study file."""
         if self.kind == DISCRETE:
-            values = np.array(self.parts, object if self.holds_names else float)
+            values = np.array(self.parts, object if isinstance(self.parts[0], str) else float)
             return values[np.searchsorted(np.cumsum(self.weights)[:-1], probability, side="right")]
         stats, (a, b, *limits) = scipy.stats, self.parts
         distributions: dict[str, Callable[[], Any]] = {
@@ -426,7 +412,7 @@ class Drawn(Sweep):
     def words(self) -> str:
         """Return the distribution as text: ``normal: mean 11, standard deviation 0.02``."""
         if self.kind == DISCRETE:
-            names = [value.replace("_", " ") if self.holds_names else f"{value:g}" for value in self.parts]
+            names = [value.replace("_", " ") if isinstance(value, str) else f"{value:g}" for value in self.parts]
             shares = (f"{name} ({weight:.3g})" for name, weight in zip(names, self.weights, strict=True))
             return f"{DISCRETE}: {', '.join(shares)}"
         named = (f"{name} {value:g}" for name, value in zip(PARTS[self.kind], self.parts, strict=True))
@@ -455,118 +441,23 @@ _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, st
 
 def is_distribution(raw: Any) -> bool:
     """Return True if a value in a study file is a distribution, even if the name of the distribution is misspelt."""
-    if not isinstance(raw, Mapping) or any(key in RANGE_KEYS for key in raw):
-        return isinstance(raw, Drawn)
-    return any(nearest(str(key), (*KINDS, *RANGE_KEYS)) in KINDS for key in raw)
-
-
-def read_drawn(
-    raw: Mapping[str, Any] | Drawn,
-    number: Callable[[Any], Any],
-    checked: Callable[[Any], Any],
-    low: float = -math.inf,
-    high: float = math.inf,
-    form: str = "",
-) -> Drawn:
-    """Read a distribution.
-
-    Parameters
-    ----------
-    raw : mapping or Drawn
-        The distribution in the study file.
-    number, checked : callable
-        Functions that read a number in the unit of the key, or a name. `checked` also raises Invalid if the number is
-        outside the bounds of the key.
-    low, high : float
-        Bounds of the key.
-    form : str
-        Description of the notation for names and integers, which can only be drawn from ``discrete``.
-
-    Raises
-    ------
-    Invalid
-        If an entry is invalid. Each fault is located at the key of the entry.
-    """
-    raw = raw.spec() if isinstance(raw, Drawn) else raw
-    readers: dict[str, Callable[[Any], Any]] = {DISCRETE: partial(_discrete, read=checked)}
-    if not form:
-        readers |= {kind: partial(read_shape, kind, number=number, checked=checked) for kind in PARTS}
-    form = form or f"a distribution is one of {', '.join(KINDS)}"
-    ((kind, found),) = read_mapping(raw, readers, (), form, exactly=tuple(readers)).items()
-    drawn = found if kind == DISCRETE else Drawn(kind, found)
-    mass = drawn.outside(low, high) if drawn.kind in (NORMAL, LOGNORMAL) else 0.0
-    if drawn.kind == NORMAL and 0 < mass < CUT:
-        return _cut(drawn, checked, low, high)
-    if mass > 0:
-        try:
-            for value in drawn.ends():
-                checked(value)
-        except Invalid as error:
-            share = f"{100 * mass:.3g} %" if mass >= CUT else f"a fraction of {mass:.2g}"
-            message = (
-                f"{error.faults[0].message}, and {share} of the draws would be outside; use truncated_normal: [mean, "
-            )
-            message += "standard deviation, minimum, maximum], or another distribution"
-            raise Invalid(Fault(message, (drawn.kind,))) from None
-    return drawn
-
-
-def _cut(drawn: Drawn, checked: ReadNumber, low: float, high: float) -> Drawn:
-    limits = []
-    for bound, end, inner in zip((low, high), drawn.ends(), (math.inf, -math.inf), strict=True):
-        limit = max(bound, end) if inner > 0 else min(bound, end)
-        try:
-            checked(limit)
-        except Invalid:  # the bound itself is not an allowed value
-            limit = math.nextafter(limit, inner)
-        limits.append(float(limit))
-    return Drawn(TRUNCATED, (*drawn.parts, *limits), cut=drawn.outside(low, high))
-
-
-def read_shape(
-    kind: str, raw: Any, number: ReadNumber, checked: ReadNumber, *, fixed: bool = False
-) -> tuple[float, ...]:
-    """Read the parameters of a distribution (see `PARTS`). The width may be zero if `fixed` is True. Raises Invalid."""
-    names = PARTS[kind]
-    if not isinstance(raw, list | tuple) or len(raw) != len(names):
-        raise Invalid(f"must be {COUNTS[len(names)]} numbers, [{', '.join(names)}]")
-
-    def part(item: tuple[str, Any]) -> float:
-        name, entry = item
-        if isinstance(entry, Sweep | Mapping | list | tuple):
-            raise Invalid("must be a single number; distributions cannot be swept")
-        if name in ("least", "most likely", "largest") or (fixed and name == "mean"):
-            return checked(entry)
-        value = Quantity("", "1").read(entry) if "logarithm" in name else number(entry)
-        if "deviation" in name and (value < 0 if fixed else value <= 0):
-            remedy = "greater than 0; if the key does not vary, write a number instead of a distribution"
-            raise Invalid(f"the {name} must {'not be negative' if fixed else f'be {remedy}'}")
-        return value
-
-    values = tuple(each(zip(names, raw, strict=True), part))
-    for kinds, holds, position, message in _CHECKS:
-        # the parameters of a fixed distribution may be equal
-        if kind in kinds and not holds(values) and len({*values}) > fixed:
-            raise Invalid(Fault(message, (position,)))
-    return values
+    keys = raw if isinstance(raw, Mapping) and not {*RANGE_KEYS} & {*raw} else ()
+    return any(nearest(str(key), (*KINDS, *RANGE_KEYS)) in KINDS for key in keys)
 
 
 def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
     def listed(entry: Callable[[Any], Any], entries: Any) -> tuple[Any, ...]:
-        if not isinstance(entries, list | tuple) or not entries:
-            raise Invalid("must be a list with at least one entry")
+        require(isinstance(entries, list | tuple) and entries, "must be a list with at least one entry")
         return tuple(each(entries, entry))
 
     readers = {"values": partial(listed, read), "weights": partial(listed, Quantity("", "1", ge=0, sweep=False).read)}
     found = read_mapping(raw, readers, ("values",), "it is {values: [...], weights: [...]}")
     values = found["values"]
     weights = found.get("weights", (1 / len(values),) * len(values))
-    if len(set(values)) < len(values):
-        raise Invalid(Fault("contains a value twice: add the weights", ("values",), show_value=False))
-    if len(weights) != len(values):
-        raise Invalid(Fault(f"must have the same number as the values, {len(values)}", ("weights",)))
-    if abs(sum(weights) - 1) > 1e-9:
-        raise Invalid(Fault(f"must sum to 1, not to {sum(weights):.10g}", ("weights",)))
+    twice = len(set(values)) < len(values)
+    require(not twice, "contains a value twice: add the weights", "values", show_value=False)
+    require(len(weights) == len(values), f"must have the same number as the values, {len(values)}", "weights")
+    require(abs(sum(weights) - 1) <= 1e-9, f"must sum to 1, not to {sum(weights):.10g}", "weights")
     return Drawn(DISCRETE, values, weights)
 
 
@@ -591,7 +482,8 @@ _KINDS: dict[str, dict[str, Any]] = {
     "a vapour density": {"g/m3": 1, "kg/m3": 1000},
     "a plain number": {"1": 1, "%": "0.01"},
 }
-_KIND_OF = {unit: kind for kind, units in _KINDS.items() for unit in units}
+#: Kind of each unit, such as ``an angle``.
+UNITS = {unit: kind for kind, units in _KINDS.items() for unit in units}
 
 
 def parse(text: str, unit: str) -> float:
@@ -599,26 +491,21 @@ def parse(text: str, unit: str) -> float:
     number_form = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
     match = re.fullmatch(rf"\s*({number_form})\s*([^0-9\W_].*?|%|\u00b0|)\s*", text)
     if match is None:
-        raise Invalid(f"must be {expected(unit)}{_hint(text, unit)}")
-    number, given = float(match[1]), match[2]
-    if not given:
-        raise Invalid("must be a number without quotes, or a number with its unit")
-    kind = _KIND_OF[unit]
-    if given not in _KIND_OF:
-        raise Invalid(f"unknown unit '{given[:20]}'; use {one_of(_KINDS[kind])}")
-    if _KIND_OF[given] != kind:
-        raise Invalid(f"must be {expected(unit)}; '{given}' is the unit of {_KIND_OF[given]}")
+        clock = re.fullmatch(r"\s*([0-9]{1,2}):([0-9]{2})\s*", text)
+        hints = {
+            "; decimals need a point, not a comma": re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+\s*\D*", text),
+            f"; '{text.strip()}' is {int(clock[1]) + int(clock[2]) / 60 if clock else 0:g} h": clock and unit == "h",
+            "; a range is {start, stop, step} or {start, stop, num}": (
+                not clock and re.search(r"[0-9]\s*:\s*[-+0-9]|range|linspace", text)
+            ),
+        }
+        hint = next((words for words, applies in hints.items() if applies), "")
+        raise Invalid(f"must be {expected(unit)}{hint}")
+    number, given, kind = float(match[1]), match[2], UNITS[unit]
+    require(given, "must be a number without quotes, or a number with its unit")
+    require(given in UNITS, f"unknown unit '{given[:20]}'; use {one_of(_KINDS[kind])}")
+    require(UNITS[given] == kind, f"must be {expected(unit)}; '{given}' is the unit of {UNITS[given]}")
     return float(Decimal(repr(number)) * Decimal(_KINDS[kind][given]) / Decimal(_KINDS[kind][unit]))
-
-
-def _hint(text: str, unit: str) -> str:
-    if re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+\s*\D*", text):
-        return "; decimals need a point, not a comma"
-    if clock := re.fullmatch(r"\s*([0-9]{1,2}):([0-9]{2})\s*", text):
-        return f"; '{text.strip()}' is {int(clock[1]) + int(clock[2]) / 60:g} h" if unit == "h" else ""
-    if re.search(r"[0-9]\s*:\s*[-+0-9]|range|linspace", text):
-        return "; a range is {start, stop, step} or {start, stop, num}"
-    return ""
 
 
 def expected(unit: str) -> str:
@@ -626,24 +513,14 @@ def expected(unit: str) -> str:
     if unit == "1":
         return "a number"
     examples = {"m": "1.5 m", "deg": "30 deg", "h": "1.5 h", "B": "2 GB", "mrad": "1.2 mrad"}
-    return f"{_KIND_OF[unit]} in {unit}, a number or text such as '{examples.get(unit, f'1 {unit}')}'"
-
-
-def suffix(unit: str) -> str:
-    """Return the unit with a leading blank, such as `` deg``; empty for pure numbers."""
-    return "" if unit == "1" else f" {unit}"
-
-
-def is_unit(text: str) -> bool:
-    """Return True if a string is the name of a unit."""
-    return text in _KIND_OF
+    return f"{UNITS[unit]} in {unit}, a number or text such as '{examples.get(unit, f'1 {unit}')}'"
 
 
 def factor(given: str, wanted: str) -> float:
     """Return the conversion factor between two units. Raises ValueError if the units are of different kinds."""
-    if given not in _KIND_OF or _KIND_OF[given] != _KIND_OF.get(wanted):
+    if given not in UNITS or UNITS[given] != UNITS.get(wanted):
         raise ValueError(f"'{given}' cannot be converted to '{wanted}'")
-    return float(Decimal(_KINDS[_KIND_OF[given]][given]) / Decimal(_KINDS[_KIND_OF[given]][wanted]))
+    return float(Decimal(_KINDS[UNITS[given]][given]) / Decimal(_KINDS[UNITS[given]][wanted]))
 
 
 #: Maximum seed, and maximum number of draws. Larger seeds are not exact as floats, so different seeds could become
@@ -681,30 +558,27 @@ class Parameter:
         return self.description
 
     #: Types of swept values.
-    _SWEPT: ClassVar[Any] = Sweep | list | tuple
+    _SWEPT: ClassVar[Any] = list | tuple
 
     def read(self, raw: Any) -> Any:
         """Convert data of the study file to a value, a sweep or a distribution. Raises Invalid."""
         if is_distribution(raw):
-            if not self.sweep:
-                raise Invalid("must be a single value and cannot be drawn from a distribution")
+            require(self.sweep, "must be a single value and cannot be drawn from a distribution")
             return self._drawn(raw)
         if not isinstance(raw, self._SWEPT):
             return self._one(raw)
-        if not self.sweep:
-            raise Invalid("must be a single value and cannot be swept")
+        require(self.sweep, "must be a single value and cannot be swept")
         return self._swept(raw)
 
     def _one(self, raw: Any) -> Any:
         raise NotImplementedError
 
     def _swept(self, raw: Any) -> Sweep:
-        return Sweep(read_items(raw[:], self._one))
+        return Sweep(read_items(raw, self._one))
 
-    def _drawn(self, raw: Any) -> Drawn:
-        return read_drawn(
-            raw, self._one, self._one, form="names are drawn by {discrete: {values: [...], weights: [...]}}"
-        )
+    def _drawn(self, raw: Any) -> Any:
+        form = "names are drawn by {discrete: {values: [...], weights: [...]}}"
+        return read_mapping(raw, {DISCRETE: partial(_discrete, read=self._one)}, (DISCRETE,), form)[DISCRETE]
 
     def json_schema(self) -> Schema:
         """Return the JSON Schema of the value, with a simplified schema of its sweeps."""
@@ -748,11 +622,10 @@ def object_schema(description: str, required: Mapping[str, Any], optional: Mappi
 
 def free_text(raw: Any) -> str:
     """Return a non-empty string. Raises Invalid."""
-    if not isinstance(raw, str):
-        raise Invalid(f"must be text{': write it in quotes' if isinstance(raw, int | float) else ''}")
-    if not raw.strip():
-        raise Invalid("must not be empty")
-    return raw
+    quotes = ": write it in quotes" if isinstance(raw, int | float) else ""
+    require(isinstance(raw, str), f"must be text{quotes}")
+    require(raw.strip(), "must not be empty")
+    return str(raw)
 
 
 @dataclass(frozen=True)
@@ -775,9 +648,8 @@ class Text(Parameter):
 class Flag(Parameter):
     """A boolean, written as ``true`` or ``false``."""
 
-    def _one(self, raw: Any) -> bool:
-        if not isinstance(raw, bool):
-            raise Invalid("must be true or false")
+    def _one(self, raw: Any) -> Any:
+        require(isinstance(raw, bool), "must be true or false")
         return raw
 
     def _one_schema(self) -> Schema:
@@ -790,12 +662,11 @@ class FileName(Parameter):
 
     sweep: bool = field(default=True, kw_only=True)
 
-    def _drawn(self, raw: Any) -> Drawn:
+    def _drawn(self, raw: Any) -> Any:
         raise Invalid("files cannot be drawn: sweep them as a list")
 
-    def _one(self, raw: Any) -> str:
-        if not isinstance(raw, str) or not raw.strip():
-            raise Invalid("must be the name of a file, relative to the study file")
+    def _one(self, raw: Any) -> Any:
+        require(isinstance(raw, str) and raw.strip(), "must be the name of a file, relative to the study file")
         return raw
 
 
@@ -820,12 +691,11 @@ class Choice(Parameter):
         return f"{self.description} ({'; '.join(f'{name}: {meaning}' for name, meaning in self.options.items())})"
 
     def _one(self, raw: Any) -> str:
-        if not isinstance(raw, str):
-            raise Invalid(f"must be {one_of(self.options)}")
+        require(isinstance(raw, str), f"must be {one_of(self.options)}")
         if raw not in self.options:
             hint = f"; {SYNONYMS[raw.casefold()]}" if raw.casefold() in SYNONYMS else did_you_mean(raw, self.options)
             raise Invalid(f"unknown choice{hint or f'; use {one_of(self.options)}'}")
-        return raw
+        return str(raw)
 
     def _one_schema(self) -> Schema:
         return {"enum": list(self.options)}
@@ -861,44 +731,75 @@ class Quantity(Parameter):
         """Description and unit."""
         return self.description if self.unit == "1" else f"{self.description} [{self.unit}]"
 
-    _SWEPT: ClassVar[Any] = Sweep | Mapping | list | tuple
+    _SWEPT: ClassVar[Any] = Mapping | list | tuple
 
     def _one(self, raw: Any) -> float:
-        value = self._checked(raw)
-        return int(value) if self.integer else value
-
-    def _checked(self, raw: Any) -> float:
         value = self._number(raw)
         above = (self.ge is None or value >= self.ge) and (self.gt is None or value > self.gt)
         below = (self.le is None or value <= self.le) and (self.lt is None or value < self.lt)
-        if not (above and below):
-            raise Invalid(f"must be {self.bounds()}")
-        if self.integer and not value.is_integer():
-            raise Invalid("must be a whole number")
-        return value
+        require(above and below, f"must be {self.bounds()}")
+        require(not self.integer or value.is_integer(), "must be a whole number")
+        return int(value) if self.integer else value
 
     def _swept(self, raw: Any) -> Sweep:
-        """Read a sweep, and check all values of a list, or the first and last value of a (monotonic) range."""
-        sweep = raw if isinstance(raw, Sweep) else read_sweep(raw, self._number, self.repeats)
-        faults, inner = Faults(), ("logspace",) if "logspace" in (sweep.form or ()) else ()
-        places: Iterable[Any] = range(len(sweep)) if sweep.form is None else ("start", "stop")
-        for place, value in zip(places, sweep.ends(), strict=True):
-            with faults.under(*inner, place):
-                self._checked(value)
-        if not faults and self.integer and sweep.form is not None and (sweep.values() % 1).any():
-            faults.append(Fault("the values of the range must be whole numbers", show_value=False))
-        faults.check()
+        if not isinstance(raw, Mapping):
+            return Sweep(read_items(raw, self._one, self.repeats))
+        sweep = read_sweep(raw, self._number)
+        ends = {"start": self._one, "stop": self._one, "num": int}  # the values of a range are monotonic
+        geometric = partial(read_mapping, readers=ends, required=(), form="")
+        read_mapping(sweep.form, {**ends, "logspace": geometric}, (), "")
+        whole = not self.integer or not (sweep.values() % 1).any()
+        require(whole, "the values of the range must be whole numbers", show_value=False)
         return sweep
 
-    def _drawn(self, raw: Any) -> Drawn:
-        low = max((bound for bound in (self.ge, self.gt) if bound is not None), default=-math.inf)
-        high = min((bound for bound in (self.le, self.lt) if bound is not None), default=math.inf)
-        form = "whole numbers are drawn by {discrete: {values: [...], weights: [...]}}" if self.integer else ""
-        return read_drawn(raw, self._number, self._checked, low, high, form)
+    def _drawn(self, raw: Any) -> Any:
+        readers: dict[str, Any] = {DISCRETE: partial(_discrete, read=lambda entry: float(self._one(entry)))}
+        form = "whole numbers are drawn by {discrete: {values: [...], weights: [...]}}"
+        if not self.integer:
+            readers |= {kind: partial(self._shape, kind) for kind in PARTS}
+            form = f"a distribution is one of {', '.join(KINDS)}"
+        ((kind, found),) = read_mapping(raw, readers, (), form, exactly=tuple(readers)).items()
+        drawn = found if kind == DISCRETE else Drawn(kind, found)
+        low = max(bound for bound in (self.ge, self.gt, -math.inf) if bound is not None)
+        high = min(bound for bound in (self.le, self.lt, math.inf) if bound is not None)
+        mass = drawn.outside(low, high)
+        if kind == NORMAL and 0 < mass < CUT:  # a bound that is not an allowed value moves to the next number
+            low, high = (math.nextafter(bound, inner) if bound == bare else bound
+                         for bound, inner, bare in ((low, math.inf, self.gt), (high, -math.inf, self.lt)))  # fmt: skip
+            limits = float(max(low, drawn.ends()[0])), float(min(high, drawn.ends()[1]))
+            return Drawn(TRUNCATED, (*drawn.parts, *limits), cut=mass)
+        share = f"{100 * mass:.3g} %" if mass >= CUT else f"a fraction of {mass:.2g}"
+        remedy = "use truncated_normal: [mean, standard deviation, minimum, maximum], or another distribution"
+        require(mass == 0, f"must be {self.bounds()}, and {share} of the draws would be outside; {remedy}", kind)
+        return drawn
+
+    def _shape(self, kind: str, raw: Any, fixed: bool = False) -> tuple[float, ...]:
+        """Read the parameters of a distribution (see `PARTS`). The width may be zero if `fixed` is True."""
+        names = PARTS[kind]
+        count = f"must be {COUNTS[len(names)]} numbers, [{', '.join(names)}]"
+        require(isinstance(raw, list | tuple) and len(raw) == len(names), count)
+
+        def part(item: tuple[str, Any]) -> float:
+            name, entry = item
+            single = not isinstance(entry, Mapping | list | tuple)
+            require(single, "must be a single number; distributions cannot be swept")
+            if name in ("least", "most likely", "largest") or (fixed and name == "mean"):
+                return self._one(entry)
+            value = Quantity("", "1").read(entry) if "logarithm" in name else self._number(entry)
+            limit = "greater than 0; if the key does not vary, write a number instead of a distribution"
+            limit = f"the {name} must {'not be negative' if fixed else f'be {limit}'}"
+            require("deviation" not in name or value > 0 or (fixed and value == 0), limit)
+            return float(value)
+
+        values = tuple(each(zip(names, raw, strict=True), part))
+        for kinds, holds, position, message in _CHECKS:
+            # the parameters of a fixed distribution may be equal
+            require(kind not in kinds or holds(values) or len({*values}) <= fixed, message, position)
+        return values
 
     def bounds(self) -> str:
         """Return the bounds as text, such as ``between -90 and 90 deg``; empty if unbounded."""
-        ending, form = suffix(self.unit), ".0f" if self.integer else "g"
+        ending, form = "" if self.unit == "1" else f" {self.unit}", ".0f" if self.integer else "g"
         if self.ge is not None and self.le is not None:
             return f"between {self.ge:{form}} and {self.le:{form}}{ending}"
         words = {"at least": self.ge, "greater than": self.gt, "at most": self.le, "less than": self.lt}
@@ -917,12 +818,10 @@ class Quantity(Parameter):
         is_count = self.integer and self.unit == "1"
         if isinstance(raw, str):
             raw = parse(raw, self.unit)
-            if is_count:  # a count has no unit, not even %
-                raise Invalid("must be a whole number")
-        elif isinstance(raw, bool) or not isinstance(raw, int | float):
-            raise Invalid("must be a whole number" if is_count else f"must be {expected(self.unit)}")
-        if not abs(raw) < 1e300:  # differences of larger numbers could overflow
-            raise Invalid("must be a finite number")
+            require(not is_count, "must be a whole number")  # a count has no unit, not even %
+        wanted = "must be a whole number" if is_count else f"must be {expected(self.unit)}"
+        require(isinstance(raw, int | float) and not isinstance(raw, bool), wanted)
+        require(abs(raw) < 1e300, "must be a finite number")  # differences of larger numbers could overflow
         return float(raw) + 0.0  # avoids negative zero
 
 
@@ -977,8 +876,8 @@ class Numbers(Parameter):
     def read(self, raw: Any) -> Any:
         """Return the numbers as a tuple. Raises Invalid."""
         parts = self._parts()
-        if not isinstance(raw, list | tuple) or len(raw) != len(parts):
-            raise Invalid(f"must be {dict(enumerate(COUNTS)).get(len(parts), len(parts))} numbers {self.form}")
+        count = f"must be {dict(enumerate(COUNTS)).get(len(parts), len(parts))} numbers {self.form}"
+        require(isinstance(raw, list | tuple) and len(raw) == len(parts), count)
         return tuple(each(zip(parts, raw, strict=True), lambda pair: pair[0].read(pair[1])))
 
     def _one_schema(self) -> Schema:
@@ -1005,16 +904,15 @@ class ListOfNumbers(Numbers):
     def read(self, raw: Any) -> tuple[tuple[float, ...], ...]:
         """Return the entries. Raises Invalid."""
         count = "" if self.entries is None else f"{self.entries} "
-        if not isinstance(raw, list | tuple) or (self.entries is not None and len(raw) != self.entries):
-            raise Invalid(f"must be a list of {count}entries {self.form}")
-        if not raw:
-            raise Invalid(Fault(f"the list is empty: give at least one entry {self.form}", show_value=False))
+        whole = isinstance(raw, list | tuple) and self.entries in (None, len(raw))
+        require(whole, f"must be a list of {count}entries {self.form}")
+        require(raw, f"the list is empty: give at least one entry {self.form}", show_value=False)
         first: dict[tuple[float, ...], int] = {}
 
         def another(item: tuple[int, Any]) -> tuple[float, ...]:
-            position, entry = item[0], Numbers.read(self, item[1])
-            if first.setdefault(entry, position) != position:
-                raise Invalid(f"is the same as entry {first[entry]} (counted from 0): remove one of them")
+            entry = Numbers.read(self, item[1])
+            before = first.setdefault(entry, item[0])
+            require(before == item[0], f"is the same as entry {before} (counted from 0): remove one of them")
             return entry
 
         return tuple(each(enumerate(raw), another))
@@ -1075,22 +973,21 @@ class Uncertain(Quantity):
 
     def read(self, raw: Any) -> Any:
         """Return a number in the canonical unit, a Sweep of such numbers, or a Distribution. Raises Invalid."""
-        raw = raw.spec() if isinstance(raw, Distribution) else raw
-        if isinstance(raw, Mapping) and raw:
-            meant = {nearest(str(key), (*_SHAPES, "samples", "seed", *RANGE_KEYS)) for key in raw}
-            if {*_SHAPES} & {*raw} or not meant & {*RANGE_KEYS}:
-                return self._distribution(raw)
-        for position, entry in enumerate(raw if isinstance(raw, list | tuple) else ()):
-            if isinstance(entry, Mapping | Distribution):
-                raise Invalid(Fault("distributions cannot be swept", (position,)))
-        return super().read(raw)
+        keys = [*raw] if isinstance(raw, Mapping) else []
+        meant = {nearest(str(key), (*_SHAPES, "samples", "seed", *RANGE_KEYS)) for key in keys}
+        is_drawn = {*_SHAPES} & {*keys} or (meant and not meant & {*RANGE_KEYS})
+        return self._drawn(raw) if is_drawn else super().read(raw)
 
-    def _distribution(self, raw: Mapping[str, Any]) -> Distribution:
+    def _number(self, raw: Any) -> float:
+        require(not isinstance(raw, Mapping), "distributions cannot be swept")
+        return super()._number(raw)
+
+    def _drawn(self, raw: Any) -> Any:
         def shape(kind: str, entry: Any) -> tuple[float, ...]:
-            parts = read_shape(kind, entry, self._number, self._checked, fixed=True)
+            parts = self._shape(kind, entry, fixed=True)
             largest = max(abs(bound) for bound in (self.ge, self.le, 0.0) if bound is not None)
-            if kind == NORMAL and largest and parts[1] > largest:
-                raise Invalid(Fault(f"the standard deviation must be at most {largest:g}{suffix(self.unit)}", (1,)))
+            wide = kind == NORMAL and 0 < largest < parts[1]
+            require(not wide, f"the standard deviation must be at most {largest:g} {self.unit}", 1)
             return parts
 
         readers: dict[str, Any] = {kind: partial(shape, kind) for kind in _SHAPES}

@@ -27,9 +27,9 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.config import (
     HEADER,
     MAX_LISTED,
+    UNITS,
     Table,
     factor,
-    is_unit,
     numbers,
     separator_of,
     split_title,
@@ -404,7 +404,7 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
         lines, texts = _with_header(lines, texts, separator)
     lines, texts = lines[header:], texts[header:]
     units = [cell.strip(" ()[]") for cell in "".join(texts[1:2]).split(separator)]
-    if not any(map(is_unit, units)) or "1" in units or not all(unit in ("", "-") or is_unit(unit) for unit in units):
+    if not {*units} & {*UNITS} or "1" in units or not all(unit in ("", "-") or unit in UNITS for unit in units):
         units = []
     del lines[1 : 1 + bool(units)], texts[1 : 1 + bool(units)]
     needs = "a header with the columns x and y, and one row for each heliostat"

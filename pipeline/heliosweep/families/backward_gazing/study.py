@@ -62,8 +62,6 @@ class Names(Choice):
 
     def read(self, raw: Any) -> Any:
         """Return the names as a tuple. Raises Invalid."""
-        if isinstance(raw, Sweep):
-            raw = raw.items()
         return read_items(raw if isinstance(raw, list | tuple) else [raw], self._one)
 
     def json_schema(self) -> dict[str, Any]:

@@ -340,7 +340,7 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
     are then sampled. Sunrise and sunset are searched in steps of 10 minutes.
     """
     window = {"start": "00:00", "stop": "24:00", "step": "10 min"}
-    search = CivilTime.model_validate({"clock": "civil", "dates": time.dates, "window": window})
+    search = CivilTime.model_validate({"clock": "civil", "dates": time.date_list(), "window": window})
     dates = daily_windows(search, timezone)
     bounds = np.cumsum([0, *(stamps.size for stamps in dates)])
     day, stamps = np.repeat(np.arange(len(dates)), np.diff(bounds)), np.concatenate(dates)

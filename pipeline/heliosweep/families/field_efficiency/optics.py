@@ -39,9 +39,8 @@ class Focus(Quantity):
 
     def read(self, raw: Any) -> Any:
         """Return the focal length as a keyword or a number. Raises Invalid."""
-        several = raw.ends() if isinstance(raw, Sweep) else raw
-        if isinstance(several, list | tuple) and several and all(each in self.words for each in several):
-            return Sweep(read_items(several, lambda word: word))
+        if isinstance(raw, list | tuple) and raw and all(each in self.words for each in raw):
+            return Sweep(read_items(raw, lambda word: word))
         if isinstance(raw, str) and raw.isalpha():
             if raw not in self.words:
                 raise Invalid(f"must be a length in m, or {one_of(self.words)}")

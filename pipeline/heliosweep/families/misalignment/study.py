@@ -42,6 +42,7 @@ from heliosweep.config import (
     read_items,
     read_mapping,
     site_notes,
+    when,
 )
 from heliosweep.config import Receiver as ReceiverPoint
 from heliosweep.errors import Problem, StudyError
@@ -85,10 +86,6 @@ TRUTH = {
 LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauchy": "logarithmic beyond loss_scale"}
 
 
-def _when(*rules: Rule) -> Iterator[Fault]:
-    return (found for wrong, found in rules if wrong)
-
-
 @dataclass(frozen=True)
 class Parameters(Quantity):
     """Number of estimated errors: 2, 4 or 6."""
@@ -100,8 +97,8 @@ class Parameters(Quantity):
     def _one_schema(self) -> dict[str, Any]:
         return {"enum": [2, 4, 6]}
 
-    def _checked(self, raw: Any) -> float:
-        value = super()._checked(raw)
+    def _one(self, raw: Any) -> float:
+        value = super()._one(raw)
         if value not in (2, 4, 6):
             raise Invalid(f"must be {self.bounds()}")
         return value
@@ -264,7 +261,7 @@ class MountErrors(MountAngles):
         counts = {path: count for path, count in given.items() if count is not None}
         first = next(iter(counts.values()), 0)
         idle = {"samples": self.samples is not None, "scale": self.scale != 1}
-        yield from _when(
+        yield from when(
             *((wrong and not drawn, fault(NOT_DRAWN, (key,))) for key, wrong in idle.items()),
             (drawn and not counts,
              fault("'samples' is missing: give the number of draws of the distributions")),
@@ -362,7 +359,7 @@ class Detectors(Block):
         arrays, pitch = self.arrays or (), 0.0 if self.pitch is None else max(ends(self.pitch))
         shortest = min((sum(itertools.starmap(math.dist, itertools.pairwise(one.points))) for one in arrays), default=0)
         message = "is only used for crossings of 'mount_errors', because a table has no commands: remove it"
-        yield from _when(
+        yield from when(
             (self.lines is None and self.arrays is None,
              fault("has no detectors: give 'arrays', a list of {points: [[y, z], ...]}, or 'lines'")),
             (self.arrays is not None and not 1 <= len(arrays) <= MAX_ARRAYS,
@@ -578,7 +575,7 @@ class MisalignmentStudy(Study):
     def rules(self) -> Iterator[Fault]:
         """Check that the study defines heliostats, a sun and the blocks that its mode needs, and no other blocks."""
         yield from self.output.without_series()
-        yield from _when(*self._sun_rules(), *self._time_rules(), *self._mode_rules(), *self._error_rules())
+        yield from when(*self._sun_rules(), *self._time_rules(), *self._mode_rules(), *self._error_rules())
 
     def _sun_rules(self) -> Iterable[Rule]:
         positions, time, sun = self.heliostats.positions, self.time, self.sun
