@@ -249,7 +249,10 @@ class Layout(Block):
                 *((key in given, Fault(message, (key,), show_value=False)) for key in GROUND),
             )
         areas = {"boundary": self.boundary, "exclude": self.exclude}
-        files = {"margin": areas, "origin": areas | {"terrain.file": self.terrain and self.terrain.file}}
+        files: dict[str, Any] = {
+            "margin": areas,
+            "origin": areas | {"terrain.file": self.terrain and self.terrain.file},
+        }
         block = getattr(self, source)
         ends = [key for key in ("rings", "heliostats", "zones") if key in type(block).model_fields]
         what = f"exactly one of {one_of(ends).replace(' or ', ' and ')}" if len(ends) > 1 else "'heliostats'"

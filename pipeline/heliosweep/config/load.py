@@ -135,23 +135,26 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
     return {name: getattr(block, name) for name in values}
 
 
-def file_names(study_class: type[Study], data: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
+def file_names(study_class: type[Study], data: Any) -> Iterator[tuple[Path, str]]:
     """For each file in the data of a study, yield the path of the key and the file name."""
-    blocks = blocks_at(study_class, path)
-    if isinstance(data, str) and isinstance(path[-1], int):  # a file name instead of a block
-        listed = any(path[-2] in block.model_fields for block in blocks_at(study_class, path[:-2]))
-        yield from ((path, data) for block in blocks[: int(listed)] if "file" in block.model_fields)
-    for key, value in _entries(data):
-        fields = [block for block in blocks if key in block.model_fields]
-        if not any(isinstance(block.parameter(key), FileName) for block in fields):
-            yield from file_names(study_class, value, (*path, key))
+    for path, name in _leaves(data):
+        if not isinstance(name, str) or not name.strip():
             continue
-        names = [((*path, key, place), name) for place, name in _entries(value)] or [((*path, key), value)]
-        yield from ((place, name) for place, name in names if isinstance(name, str) and name.strip())
+        *outer, key = path[:-1] if isinstance(path[-1], int) else path
+        blocks = [block for block in blocks_at(study_class, outer) if key in block.model_fields]
+        inner = [block for block in blocks_at(study_class, path) if isinstance(path[-1], int) and blocks]
+        listed = any("file" in block.model_fields for block in inner[:1])  # a file name instead of a block
+        if listed or any(isinstance(block.parameter(str(key)), FileName) for block in blocks):
+            yield path, name
 
 
-def _entries(data: Any) -> Iterable[tuple[Any, Any]]:
-    return data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list | tuple) else ()
+def _leaves(data: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
+    """Yield the path and the value of each entry of nested mappings and lists."""
+    if not isinstance(data, dict | list | tuple):
+        yield path, data
+    else:
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _leaves(value, (*path, key))
 
 
 def with_patterns(source: Source, study_class: type[Study]) -> Source:
@@ -267,7 +270,11 @@ def validated(
     except ValidationError as error:
         found = list(islice(translate(error, study_class, source), MAX_PROBLEMS + 1))
     unknown = {problem.key for problem in found if problem.message.startswith(UNKNOWN_KEY)}
-    empty = (source.problem(path, "is empty: write a value, or remove the key") for path in _nulls(source.data))
+    empty = (
+        source.problem(path, "is empty: write a value, or remove the key")
+        for path, value in _leaves(source.data)
+        if value is None
+    )
     problems += [*found, *(problem for problem in islice(empty, MAX_PROBLEMS + 1) if problem.key not in unknown)]
     problems += islice(_missing_files(study_class, source), MAX_PROBLEMS + 1)
     _refuse(problems)
@@ -296,12 +303,6 @@ def _merged(
             together[key] = value
     removed = {key for key, value in given.items() if value is None and key in below}
     return {key: value for key, value in together.items() if key not in removed}
-
-
-def _nulls(data: Any, path: Path = ()) -> Iterator[Path]:
-    yield from [path] if data is None else ()
-    for key, value in _entries(data):
-        yield from _nulls(value, (*path, key))
 
 
 def _shared_dimensions(study: Study) -> Iterator[Problem]:

@@ -745,7 +745,11 @@ class Quantity(Parameter):
         if not isinstance(raw, Mapping):
             return Sweep(read_items(raw, self._one, self.repeats))
         sweep = read_sweep(raw, self._number)
-        ends = {"start": self._one, "stop": self._one, "num": int}  # the values of a range are monotonic
+        ends: dict[str, Any] = {
+            "start": self._one,
+            "stop": self._one,
+            "num": int,
+        }  # the values of a range are monotonic
         geometric = partial(read_mapping, readers=ends, required=(), form="")
         read_mapping(sweep.form, {**ends, "logspace": geometric}, (), "")
         whole = not self.integer or not (sweep.values() % 1).any()
