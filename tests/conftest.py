@@ -1,5 +1,6 @@
 """Fixtures that several test folders use."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -41,22 +42,25 @@ SMALL: dict[str, Any] = {
 NO_KERNELS = {"config", "layouts"}
 
 
-def _of_main_thread(set_filter: Callable[..., None]) -> Callable[..., None]:
-    """Threads share the filters of warnings, so one that is set in another thread may be lost: here it always is."""
+def _of_main_thread(change: Callable[..., Any]) -> Callable[..., Any]:
+    """Threads share the filters of warnings, so a change in another thread may be lost: here it always is."""
 
-    def changed(action: str, *arguments: Any, **keywords: Any) -> None:
-        if action != "ignore" or threading.current_thread() is threading.main_thread():
-            set_filter(action, *arguments, **keywords)
+    def changed(*arguments: Any, **keywords: Any) -> Any:
+        return change(*arguments, **keywords) if threading.current_thread() is threading.main_thread() else None
 
     return changed
 
 
-for name in ("filterwarnings", "simplefilter"):
-    setattr(warnings, name, _of_main_thread(getattr(warnings, name)))
+for place, name in (
+    (warnings, "filterwarnings"), (warnings, "simplefilter"),
+    (warnings.catch_warnings, "__enter__"), (warnings.catch_warnings, "__exit__"),
+):  # fmt: skip
+    setattr(place, name, _of_main_thread(getattr(place, name)))
 
 
 def pytest_sessionstart() -> None:
-    """Handle signals that were ignored when the tests began, as in the background or under nohup."""
+    """Handle signals that were ignored when the tests began, as under nohup, and reach this machine without a proxy."""
+    os.environ["no_proxy"] = "*"
     for number in {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}:
         if signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)

@@ -17,13 +17,13 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
 BINARY = next(filter(None, map(shutil.which, NAMES)), None)
 
 _FLAGS = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-extensions",
     "--hide-scrollbars", "--remote-debugging-port=0", "--remote-allow-origins=*", "--force-color-profile=srgb",
 ]  # fmt: skip
 
 #: How long a browser may take to start, and a page to do what is waited for. [s]
-PATIENCE = 60.0
+PATIENCE = 600.0
 
 
 class Browser:

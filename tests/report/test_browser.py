@@ -65,8 +65,8 @@ def mirror():
 def opened(browser, page, **how):
     """Open a page and wait until its plots are drawn."""
     browser.open(page, **how)
-    browser.wait("Bokeh.documents.length > 0 && document.querySelectorAll('.bk-Figure, .view > *').length > 0")
-    browser.run("new Promise((done) => setTimeout(done, 1500))")
+    browser.wait("Bokeh.documents.length > 0 && Bokeh.documents.every((one) => one.is_idle)")
+    browser.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 
 @pytest.mark.parametrize("name", ["field", "mirror"])
@@ -94,8 +94,9 @@ def test_a_select_changes_the_map(browser, pages):
       models.find((one) => one.type === 'Select' && one.title === 'latitude').value = {json.dumps("2")};
     }})()"""
     browser.run(choose)
-    browser.run("new Promise((done) => setTimeout(done, 300))")
-    assert browser.run(DRAWN) == pytest.approx(100 * data.isel(latitude=2, tracking=0).to_numpy(), rel=1e-6)
+    chosen = 100 * data.isel(latitude=2, tracking=0).to_numpy()
+    browser.wait(f"Math.abs({DRAWN}[0] - {chosen[0]}) < 1e-4")
+    assert browser.run(DRAWN) == pytest.approx(chosen, rel=1e-6)
 
 
 def test_a_printed_page_has_all_figures_and_no_controls(browser, pages):

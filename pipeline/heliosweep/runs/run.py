@@ -180,9 +180,9 @@ def connected(execution: Execution, workers: int) -> Iterator[Client]:
                     silence_logs=logging.CRITICAL,
                 )
             if not address:
-                stack.callback(cluster.close, timeout=10)
-            client = Client(cluster, timeout=10, set_as_default=False)
-            stack.callback(client.close, timeout=2)
+                stack.callback(_close, cluster, 10)
+            client = Client(cluster, timeout=10 if address else 120, set_as_default=False)
+            stack.callback(_close, client, 2)
         except (ImportError, AttributeError, TypeError, ValueError) as error:
             raise StudyError(Problem(f"cannot start: {reason_of(error)}", "execution.cluster")) from None
         except OSError as error:
@@ -193,6 +193,11 @@ def connected(execution: Execution, workers: int) -> Iterator[Client]:
         if client.dashboard_link:
             log.info("dashboard: %s", client.dashboard_link)
         yield client
+
+
+def _close(connection: Any, seconds: float) -> None:
+    with suppress(TimeoutError):  # the results have arrived
+        connection.close(timeout=seconds)
 
 
 def _check_workers(client: Client, name: str) -> None:

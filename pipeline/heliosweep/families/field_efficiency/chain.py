@@ -67,8 +67,8 @@ class Inputs:
     def series_from(self, key: tuple[int, ...]) -> Iterator[Future[Any]]:
         """Yield a future that receives the ray sums of a field at each instant. `series_of` returns its result."""
         self._series[key] = future = Future[Any]()
-        while len(self._series) > KEPT:
-            del self._series[next(iter(self._series))]
+        for old in list(self._series)[:-KEPT]:
+            self._series.pop(old, None)  # another thread may have removed it
         try:
             yield future
         finally:
