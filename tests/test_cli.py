@@ -118,11 +118,8 @@ def test_usage_errors(folder, capsys):
     assert stop.value.code == 2
     for option, text, message in [
         ("--workers", "0", "must be between 1 and 65536 (got 0)"),
-        ("--workers", "65537", "must be between 1 and 65536 (got 65537)"),
         ("--workers", "1.5", "must be a whole number"),
-        ("--workers", "many", "must be a number"),
         ("--workers", "null", "must be a number (got 'null')"),
-        ("--workers", "", "must be a number (got '')"),
         ("--memory", "~", "must be an amount of memory in B"),
         ("--scheduler", "null", "unknown choice; use 'threads'"),
         ("--memory", "2 parsec", "unknown unit 'parsec'"),

@@ -9,14 +9,6 @@ import heliosweep
 SUN = [0.0, 60.0, 180.0, 250.0], [70.0, 20.0, 45.0, 5.0]
 
 
-def test_tracking_error_of_a_rigid_mount_is_the_closed_form():
-    """2 asin(sin(tilt / 2) |u x s|) with u horizontal, 90 deg from the direction of the tilt."""
-    azimuth, elevation, direction = *np.radians(SUN), np.radians(30.0)
-    along = np.cos(elevation) * (-np.sin(azimuth) * np.cos(direction) + np.cos(azimuth) * np.sin(direction))
-    expected = 2e3 * np.arcsin(np.sin(np.radians(0.05)) * np.sqrt(1.0 - along**2))
-    np.testing.assert_allclose(heliosweep.tracking_error(*SUN, 0.1, 30.0), expected, rtol=1e-12)
-
-
 def test_results_have_the_type_and_labels_of_the_arguments():
     azimuth = xr.DataArray(SUN[0], {"hour": [6, 8, 12, 16]}, ("hour",))
     tilt = xr.DataArray([0.0, 0.1], {"tilt": [0.0, 0.1]}, ("tilt",))

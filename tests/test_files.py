@@ -4,33 +4,32 @@ import errno
 import os
 import platform
 import re
-import subprocess
-import sys
+from pathlib import Path
 from types import SimpleNamespace
 
+import psutil
 import pytest
 
 from heliosweep import files
 from heliosweep.errors import HeliosweepError
-from heliosweep.files import remove_leftovers, why_not_written, write_rows, write_whole, written_whole
+from heliosweep.files import (
+    read_once,
+    remove_leftovers,
+    temporary_name,
+    why_not_written,
+    write_rows,
+    write_whole,
+    written_whole,
+)
 
 
-def test_only_what_a_dead_process_of_this_machine_left_is_removed(tmp_path):
-    program = (
-        "import sys; from pathlib import Path; from heliosweep.files import temporary_name\n"
-        "print(temporary_name(Path(sys.argv[1])))"
-    )
-    dead = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path / "result.nc")], capture_output=True, text=True, check=True
-    ).stdout.strip()
-    host = platform.node()
-    kept = {
-        f".result.nc.{host}.{os.getppid()}-0.part",
-        f".result.nc.another-{host}.999999999-0.part",
-        f".result.nc.{host}.word-0.part",
-        "result.nc",
-    }
-    for name in (*kept, dead):
+def test_only_what_a_dead_process_of_this_machine_left_is_removed(tmp_path, monkeypatch):
+    alive, dead = 10**9, 10**9 + 1  # larger than any number of a process
+    monkeypatch.setattr(psutil, "pid_exists", lambda number: number == alive)
+    own, host = temporary_name(tmp_path / "result.nc").name, platform.node()
+    kept = {own.replace(f".{os.getpid()}-", f".{alive}-"), f".result.nc.another-{host}.{dead}-0.part",
+            f".result.nc.{host}.word-0.part", "result.nc"}  # fmt: skip
+    for name in (*kept, own, own.replace(f".{os.getpid()}-", f".{dead}-")):
         (tmp_path / name).touch()
     remove_leftovers(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == kept
@@ -90,3 +89,14 @@ def test_nothing_is_left_of_a_file_that_failed(tmp_path, error, raised, said):
         fail()
     assert path.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(("seconds", "texts"), [(0, ["a", "b"]), (1, ["a", "a"])])
+def test_a_file_is_read_again_if_it_could_have_changed_twice_at_one_time(tmp_path, monkeypatch, seconds, texts):
+    path, read, found = tmp_path / "a.txt", read_once(1)(Path.read_text), []
+    monkeypatch.setattr(files.time, "time_ns", lambda: seconds * 10**9)
+    for text in "ab":
+        path.write_text(text)
+        os.utime(path, ns=(0, 0))
+        found.append(read(path))
+    assert found == texts

@@ -11,6 +11,7 @@ import platform
 import re
 import shutil
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache, wraps
@@ -28,7 +29,10 @@ PVLIB = "pvlib:"
 
 
 def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Cache up to `most` results of a function whose first argument is a file, until this file changes."""
+    """Cache up to `most` results of a function whose first argument is a file, until this file changes.
+
+    A file that was changed in the last 20 ms is not cached: another change could have the same time stamp.
+    """
 
     def decorated(read: Callable[..., T]) -> Callable[..., T]:
         kept = lru_cache(most)(lambda stamp, *args, **kwargs: read(*args, **kwargs))
@@ -37,7 +41,8 @@ def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
         def reading(path: Path, *args: Any, **kwargs: Any) -> T:
             with suppress(OSError, ValueError):  # for example, because the name contains a NUL character
                 status = path.stat()
-                return kept((status.st_mtime_ns, status.st_size), path, *args, **kwargs)
+                if not 0 <= time.time_ns() - status.st_mtime_ns < 20_000_000:
+                    return kept((status.st_mtime_ns, status.st_size), path, *args, **kwargs)
             return read(path, *args, **kwargs)
 
         return reading

@@ -6,11 +6,9 @@ import subprocess
 import sys
 from importlib import resources
 
-import numpy as np
-import pandas as pd
 import pytest
 
-from heliosweep.config.times import parse_timezone, suggestion, to_utc, wall_to_utc
+from heliosweep.config.times import parse_timezone, suggestion, to_utc
 
 #: Prints the offset of Berlin in summer, as a study gets it.
 _SCRIPT = """
@@ -46,19 +44,6 @@ def test_false_data_of_the_system_change_nothing(tmp_path):
 )  # fmt: skip
 def test_hints_name_zones_whose_offset_can_be_meant(text, said):
     assert suggestion(text) == said
-
-
-def walls(*texts: str) -> np.ndarray:
-    return np.array(texts, "datetime64[s]")
-
-
-def test_both_clock_changes_of_a_log():
-    """Every hour of a year on the clock of Madrid, and back: pandas makes the wall times."""
-    utc = pd.date_range("2024-01-01", "2024-12-31T23:30", freq="30min", tz="UTC")
-    there = utc.tz_convert("Europe/Madrid").tz_localize(None).to_numpy("datetime64[s]")
-    found = wall_to_utc(there, parse_timezone("Europe/Madrid"))
-    np.testing.assert_array_equal(found, utc.tz_localize(None).to_numpy("datetime64[s]"))
-    assert np.all(wall_to_utc(walls("2024-07-01T12:00"), parse_timezone("+05:30")) == walls("2024-07-01T06:30"))
 
 
 @pytest.mark.parametrize(

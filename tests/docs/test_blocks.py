@@ -38,9 +38,10 @@ NOT_RUN = {
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder with the project's studies in it."""
+    """An empty folder with the project's studies in it. Runs print no progress, as on a fast machine."""
     shutil.copytree(STUDIES, tmp_path / "studies")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("heliosweep.runs.run.LINE_SECONDS", float("inf"))
     matplotlib.use("agg")
     return tmp_path
 

@@ -43,11 +43,6 @@ def clear_minutes(longitude: float = weather.LONGITUDE) -> tuple[np.ndarray, np.
     return clear_sky(utc, sun, (weather.LATITUDE, longitude, 500.0), "meinel"), sun
 
 
-@pytest.fixture(scope="module")
-def clear() -> tuple[np.ndarray, np.ndarray]:
-    return clear_minutes()
-
-
 def only(study: Any) -> tuple[np.ndarray, Irradiance]:
     """Sun and irradiance of a study of one point."""
     parameters = Parameters(study)
@@ -89,16 +84,6 @@ def test_a_clear_day_is_symmetric_about_solar_noon(kind, of_file):
     assert abs(symmetry(sun, irradiance, day_of(6, 21))) < 1e-5
     shifted = Irradiance(np.roll(dni, 1), *irradiance[1:])
     assert abs(symmetry(sun, shifted, day_of(6, 21))) > 0.3  # an hour is seen
-
-
-def test_energy_of_hourly_means(of_file, clear):
-    """The sun at the middle of the lit part of an hour stands for the hour: energy of a year as by the minute."""
-    dni, fine = clear
-    sun, irradiance = of_file(weather.tmy3(dni.reshape(-1, 60).mean(axis=1)))
-    for direction in ((0.0, 0.0, 1.0), (0.0, -0.6, 0.8), (0.8, 0.0, 0.6), (-0.8, 0.0, 0.6)):
-        exact = np.sum(dni * np.maximum(fine @ direction, 0.0) * (fine[:, 2] > 0)) / 60
-        found = np.sum(irradiance.dni * irradiance.hours * np.maximum(sun @ direction, 0.0) * (sun[:, 2] > 0))
-        assert abs(found / exact - 1) < 2e-3
 
 
 def test_sun_at_the_middle_of_the_lit_part(of_file):
@@ -277,13 +262,6 @@ def test_solar_instants_run_day_by_day():
 def test_samplings_of_a_window_across_the_new_year_in_utc(sampling, expected):
     window = {"start": "07:00", "stop": "08:00", "step": "30 min"}
     np.testing.assert_array_equal(civil(["2021-01-01"], window, sampling), np.array(expected, dtype="datetime64[ns]"))
-
-
-def test_daylight_saving_changes_shorten_and_lengthen_the_day():
-    dates = ("2021-03-28", "2021-06-01", "2021-10-31")
-    days = [civil([date], zones=("Europe/Berlin",)) for date in dates]
-    assert [instants.size for instants in days] == [23, 24, 25]
-    assert all(set(np.diff(instants)) == {np.timedelta64(1, "h")} for instants in days)
 
 
 def test_sites_with_other_clocks_have_their_own_instants():

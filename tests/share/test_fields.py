@@ -35,22 +35,6 @@ def test_layout_of_a_result(small, tmp_path, capsys):
     assert "--select: requires a result folder" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("form", ["csv", "solarpilot"])
-def test_there_and_back(small, tmp_path, form):
-    layout = layout_of(small())
-    path = write_layout(layout, tmp_path / "field.csv", form)
-    again = read_layout(path)
-    for key in "xyz":
-        np.testing.assert_array_equal(getattr(again, key), getattr(layout, key))
-    for key in ("width", "height") if form == "csv" else ():
-        np.testing.assert_array_equal(again.columns[key], layout.columns[key])
-    with pytest.raises(StudyError, match="exists already"):
-        write_layout(layout, path, form)
-    assert write_layout(layout, path, form, force=True) == path
-    with pytest.raises(StudyError, match="unknown form 'xml'"):
-        write_layout(layout, path, "xml")  # type: ignore[arg-type]
-
-
 def test_command(small, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     save(small(), "study.yaml")
@@ -61,5 +45,7 @@ def test_command(small, tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out == "pilot.csv\nplain.csv\n"
     assert main(["convert", "study.yaml", "pilot.csv"]) == 2
     assert main(["convert", "study.yaml", "pilot.csv", "--force"]) == 0
+    with pytest.raises(StudyError, match="unknown form 'xml'"):
+        write_layout(read_layout("pilot.csv"), "pilot.xml", "xml")  # type: ignore[arg-type]
     assert main(["convert", "missing.csv", "other.csv"]) == 2
     assert "there is no such file" in capsys.readouterr().err

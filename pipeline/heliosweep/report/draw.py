@@ -6,6 +6,7 @@ import io
 import itertools
 import os
 import textwrap
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -157,7 +158,7 @@ def drawn(result: xr.Dataset, figure: Figure) -> list[NamedFigure]:
     result, shown = prepared(result, figure)
     if shown is None or not shown.image:
         return []
-    with matplotlib.rc_context(_RC):
+    with _lock, matplotlib.rc_context(_RC):
         if isinstance(shown, Special):
             made = shown.draw(result)
             drawing, more = made if isinstance(made, tuple) else (made, "")
@@ -675,6 +676,7 @@ def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, fl
 #: Resolution of images [1/inch], and white margin around a figure [pixel].
 DPI, RIM = 180, 8
 
+_lock = threading.RLock()  # threads share the style
 _RC: Any = {
     "text.parse_math": False,  # dollar signs in titles are printed as text
     "font.family": "sans-serif",
@@ -713,7 +715,7 @@ _RC: Any = {
 
 def pixels(figure: Drawing) -> Image.Image:
     """Return a figure as a raster image without white margins."""
-    with matplotlib.rc_context(_RC):
+    with _lock, matplotlib.rc_context(_RC):
         figure.set_dpi(DPI)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
@@ -745,6 +747,6 @@ def image(figure: Drawing, kind: str = "png") -> bytes:
     if kind == "png":
         return png(pixels(figure))
     buffer, dateless = io.BytesIO(), {{"svg": "Date", "pdf": "CreationDate"}[kind]: None}
-    with matplotlib.rc_context(_RC):
+    with _lock, matplotlib.rc_context(_RC):
         figure.savefig(buffer, format=kind, dpi=DPI, bbox_inches="tight", metadata=dateless)
     return buffer.getvalue()

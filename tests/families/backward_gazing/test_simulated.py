@@ -125,17 +125,6 @@ def test_modules_of_the_study():
     assert float(result["distance"]) == 100
 
 
-def test_table_of_the_sun(tmp_path):
-    path = tmp_path / "sun.csv"
-    angle = np.linspace(0, 4.36, 4000)
-    shape = 0.679 + 0.321 * np.sqrt(np.maximum(1 - (angle / 4.36) ** 2.222, 0))
-    path.write_text("angle,brightness\n" + "".join(f"{a},{b}\n" for a, b in zip(angle, shape, strict=True)))
-    sun = {"azimuth": 30, "elevation": 60, "profile": str(path)}
-    both = computed(sun=sun, sun_profile=["jose", "table"], method=["A", "LM"])
-    tables, clean = both.sel(sun_profile="table"), both.sel(sun_profile="jose")
-    np.testing.assert_allclose(tables["slope_bias_x"], clean["slope_bias_x"], atol=3e-4)
-
-
 def test_profile_of_lm():
     """Simulations take the table unless asked otherwise, which changes LM alone; both results say it."""
     noisy = {"sun_profile": "noisy", "method": ["A", "LM"], "erosion": 0}

@@ -26,34 +26,9 @@ from tests.kernels.gazing import twin
 SHAPE, FOCAL = (120, 124), 1600.0
 
 
-@pytest.fixture(scope="module")
-def shot():
-    """Scene, modules, grid, cameras, images and what the mirror's grid would show."""
-    layout, modules = twin.paper_scene(), themis_8()
-    grid, canting, pointing = mirror_grid(modules, 0.05), twin.paper_canting(), (0.2e-3, -0.1e-3)
-    cameras = pinholes(layout, SHAPE, FOCAL)
-    seen = camera_set(layout, cameras, SHAPE, jose(), heliostat(modules, 120.0, canting, pointing), 3)
-    images, slopes = image_set(layout, grid, jose(), module_spheres(modules, 120.0, canting, pointing))
-    return layout, modules, grid, cameras, seen, images, slopes
-
-
 def found_slopes(layout, grid, images):
     start, _ = twin.by_kernels(images, layout, jose(), grid.pixels, transfers(layout)[EXACT:])
     return fit_slopes("LM", layout, jose(), images, start[0], grid.pixels).slopes
-
-
-def test_rectified_images_are_those_of_the_grid(shot):
-    layout, modules, grid, cameras, seen, images, slopes = shot
-    values, flags, noise = rectify(seen, cameras, 120.0, modules, grid)
-    good = flags == 0
-    assert good.mean() > 0.7
-    assert np.abs(values - images)[good].max() < 4e-5
-    assert np.sqrt(np.mean((values - images)[good] ** 2)) < 5e-6
-    assert np.all(np.isnan(values[~good]))
-    assert np.all((noise[good] > 0.4) & (noise[good] <= 1.0 + 1e-12))
-    error = found_slopes(layout, grid, values) - slopes
-    assert np.nanmax(np.abs(error)) < 5e-6  # 0.005 mrad
-    assert np.sqrt(np.nanmean(error**2)) < 1.2e-6
 
 
 def test_marked_corners_take_up_how_cameras_were_pointed():
