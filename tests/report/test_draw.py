@@ -1,8 +1,12 @@
 """The forms of figures: values, words and colours that they show, against values computed here."""
 
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib import rcParams
 
 from heliosweep.report.draw import draw, image
 from heliosweep.report.figures import Curves, Maps, Rasters
@@ -42,7 +46,9 @@ def test_rasters_show_every_pixel_upright():
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
-def test_the_same_figure_has_the_same_bytes(kind):
+def test_the_same_figure_has_the_same_bytes_in_each_thread(kind):
     data = xr.Dataset({"reach": array(tilt=3)}, {"tilt": [0.0, 1.0, 2.0], "height": 3.0})
-    figures = [one(data, Curves("reach", "Reach $x$", ["reach"])).figure for _ in range(2)]
-    assert image(figures[0], kind) == image(figures[1], kind)
+    style, figures = dict(rcParams), [one(data, Curves("reach", "Reach $x$", ["reach"])).figure for _ in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        assert len(set(pool.map(partial(image, kind=kind), figures))) == 1
+    assert dict(rcParams) == style
