@@ -40,10 +40,10 @@ def _meaning(key: Key) -> str:
 def table(study: type[Study], keys: list[Key]) -> str:
     """Return a Markdown table of the keys, with an anchor for each key."""
     family = study.family_name()
-    lines = ["| key | what | value | default | swept |", "|---|---|---|---|---|"]
+    lines = ["| key | meaning | value | default | swept |", "|---|---|---|---|---|"]
     for key in keys:
         anchor = re.sub(r"\W|_", "-", f"{family}-{key.name}".replace("[]", "-each")).lower()
-        default = key.default or ("**needed**" if key.required else "")
+        default = key.default or ("**required**" if key.required else "")
         value = _cell(key.value) + (f" **{key.unit}**" if key.unit and key.unit != "B" else "")
         swept = ("instants" if key.sampled else "yes") if key.swept else ""
         cells = [f'<a id="{anchor}"></a>`{key.name}`', _meaning(key), value, default, swept]

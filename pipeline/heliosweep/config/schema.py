@@ -149,7 +149,7 @@ def _number(value: float, unit: str = "") -> str:
     for factor, name in ((2**40, "TiB"), (2**30, "GiB"), (2**20, "MiB")):
         if unit == "B" and value % factor == 0 and value:
             return f"{value // factor:,g} {name}"
-    return f"{value:,.16g}"
+    return f"{value:,.{15 if isinstance(value, float) else 16}g}"
 
 
 def _form_text(form: Schema, unit: str = "") -> str:
