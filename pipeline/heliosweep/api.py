@@ -365,9 +365,12 @@ def run(
 def _list(folder: Path) -> None:
     """Add a result folder to the index of all studies, if the folder is in ``outputs``."""
     if folder.absolute().parent.name == OUTPUTS:
-        from heliosweep.report.page import update_index
+        from heliosweep.report.page import write_index
 
-        update_index(folder)
+        try:
+            write_index(folder.absolute().parent)
+        except (OSError, HeliosweepError) as error:
+            log.warning("the list of all studies was not written: %s", error)
 
 
 def _run_of(study: Study, folder: Path) -> Run:

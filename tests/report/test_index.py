@@ -4,7 +4,7 @@ import json
 
 from heliosweep.families.lookup import family_of_result
 from heliosweep.grid.regions import Cut
-from heliosweep.report.page import digest, studies_in, update_index, write_index
+from heliosweep.report.page import digest, studies_in, write_index
 from heliosweep.store.folder import ChunkStore
 from tests.report.synthetic import BOTH, result
 from tests.report.test_page import EVIL, Page, published, study, write_report
@@ -24,8 +24,7 @@ def test_every_study_with_its_headline_and_verdict_the_latest_first(tmp_path):
     first = filled(tmp_path / "outputs" / "a b#1", EVIL)
     write_report(first, study(first, published(first, 100)), family_of_result)
     filled(tmp_path / "outputs" / "later", "Later", "2026-02-01T00:00:00Z")
-    index = update_index(first)
-    assert index is not None
+    index = write_index(first.parent)
     assert index == tmp_path / "outputs" / "index.html"
     page = Page(index.read_text(encoding="utf-8"))
     assert len(page.scripts) == 1

@@ -509,21 +509,18 @@ def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable
 
     The heat map is the first declared heat map, or a new heat map of the headline numbers if none is declared.
     """
-    declared = list(figures)
-    grids = [one for one in declared if isinstance(one, Grids) and prepared(result, one)[1]]
-    return [*(grids[:1] or _heat_map(result, names)), *(one for one in declared if one not in grids[:1])]
-
-
-def _heat_map(result: xr.Dataset, names: Iterable[str]) -> Iterator[Grids]:
-    numbers = quantities(result)
+    declared, numbers = list(figures), quantities(result)
+    if grids := [one for one in declared if isinstance(one, Grids) and prepared(result, one)[1]]:
+        return [grids[0], *(one for one in declared if one is not grids[0])]
     known = [name for name in names if name in numbers and HELIOSTAT not in result[name].dims]
     sizes = result[known[0]].sizes if known else {}
-    long = [str(dim) for dim, size in sizes.items() if size > 2 and dim not in NAMES]
-    if len(long) >= 2 and not set(long[:2]) & {"date", "hour", "time", "day"}:
-        same = [name for name in known if set(long[:2]) <= set(result[name].dims)]
-        same = [name for name in same if float(result[name].max()) > float(result[name].min())][:3]
-        title = f"{capital(title_of(result[known[0]]))} over {' and '.join(head_of(result[dim]) for dim in long[:2])}"
-        yield Grids("heat_map", title, same, over=long[:2])
+    long = [str(dim) for dim, size in sizes.items() if size > 2 and dim not in NAMES][:2]
+    if len(long) < 2 or set(long) & {"date", "hour", "time", "day"}:
+        return declared
+    same = [name for name in known if set(long) <= set(result[name].dims)]
+    same = [name for name in same if float(result[name].max()) > float(result[name].min())][:3]
+    title = f"{capital(title_of(result[known[0]]))} over {' and '.join(head_of(result[dim]) for dim in long)}"
+    return [Grids("heat_map", title, same, over=long), *declared]
 
 
 def preferred(result: xr.Dataset, dims: Sequence[str], wanted: Sequence[str]) -> str | None:

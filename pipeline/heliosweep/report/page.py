@@ -132,7 +132,7 @@ def write_report(
     content = {
         "file": locate(place).name,
         "title": str(result.attrs.get("title", place.name)),
-        "headline": str(next(iter(numbers), "")),
+        "headline": numbers[0]["text"] if numbers else "",
         "headlines": numbers,
         "about": " \N{MIDDLE DOT} ".join(
             str(result.attrs[key]) for key in ("source", "study_id") if key in result.attrs
@@ -183,12 +183,7 @@ def _environment() -> Environment:
 
 def linked(text: str) -> Markup:
     """Return a string in which digital object identifiers are links."""
-    pieces, end = [], 0
-    for found in DOI.finditer(text):
-        link = Markup('<a href="https://doi.org/{}">{}</a>').format(found.group(1), found.group())
-        pieces += [escape(text[end : found.start()]), link]
-        end = found.end()
-    return Markup("").join([*pieces, escape(text[end:])])
+    return Markup(DOI.sub(r'<a href="https://doi.org/\1">\g<0></a>', str(escape(text))))
 
 
 def digest(script: str) -> str:
@@ -444,19 +439,6 @@ def _inputs(results: Mapping[str, xr.Dataset]) -> Table:
     return Table("Inputs", columns, [f"{len(texts) - len(differ)} further inputs are equal."])
 
 
-def update_index(folder: str | os.PathLike[str]) -> Path | None:
-    """Update the index of all studies after a result folder in ``outputs`` has changed.
-
-    A failure is logged as a warning.
-    """
-    place = user_path(folder).absolute().parent
-    try:
-        return write_index(place) if place.name == OUTPUTS else None
-    except (OSError, HeliosweepError) as error:
-        log.warning("the list of all studies was not written: %s", error)
-        return None
-
-
 def write_index(outputs: str | os.PathLike[str]) -> Path:
     """Write the page ``index.html`` of all studies in a folder of result folders."""
     file, studies = Path(outputs) / "index.html", studies_in(Path(outputs))
@@ -468,11 +450,11 @@ def write_index(outputs: str | os.PathLike[str]) -> Path:
 
 def studies_in(outputs: Path) -> list[dict[str, Any]]:
     """Return the entries of all studies for the template, starting with the latest study."""
-    folders = (folder for folder in sorted(outputs.iterdir()) if folder.is_dir())
+    statuses = (status_of(folder) for folder in sorted(outputs.iterdir()) if folder.is_dir())
     found = [
-        {**_study_entry(folder), "state": status.state, "detail": status.detail}
-        for folder in folders
-        if (status := status_of(folder)).state != "not run"
+        {**_study_entry(one.folder), "state": one.state, "detail": one.detail}
+        for one in statuses
+        if one.state != "not run"
     ]
     return sorted(found, key=lambda one: one["finished"], reverse=True)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -171,56 +171,56 @@ def columns_of(heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[Colu
     return [one for one in columns if any(one.values) or not rows]
 
 
-@dataclass(frozen=True)
-class Headline:
-    """Text, unit and title of a headline number, and a note about its range and its point."""
+def headlines(result: xr.Dataset, names: Collection[str]) -> list[dict[str, str]]:
+    """Return the headline numbers of a result.
 
-    value: str
-    unit: str
-    title: str
-    note: str = ""
+    Parameters
+    ----------
+    result : Dataset
+        Result.
+    names : collection of str
+        Variables to return (default: a variable with the fewest dimensions).
 
-    def __str__(self) -> str:
-        value = f"{self.value} {self.unit}".replace(f" {DEGREE}", DEGREE).rstrip()
-        return f"{self.title}: {value}; {self.note}".removesuffix("; ")
-
-
-def headlines(result: xr.Dataset, names: Collection[str]) -> list[Headline]:
-    """Return the variables `names` as headline numbers, or the variables with the fewest dimensions by default."""
+    Returns
+    -------
+    list of dict
+        Title, value and unit of each number, a note about its range and its point, and the whole text.
+    """
     known = [result[name] for name in names if name in result.data_vars]
     numbers = sorted(filter(is_quantity, result.data_vars.values()), key=lambda array: array.ndim)
-    return [one for array in known or numbers[:1] if (one := _headline(result, array))][:MOST_HEADLINES]
+    found = list[dict[str, str]]()
+    for array in known or numbers[:1]:
+        if array.size <= MOST_NUMBERS and is_quantity(array):
+            title, (value, unit, note) = title_of(array), _headline(result, array)
+            text = f"{value} {unit}".replace(f" {DEGREE}", DEGREE).rstrip()
+            text = f"{title}: {text}; {note}".removesuffix("; ")
+            found.append({"title": title, "value": value, "unit": unit, "note": note, "text": text})
+    return found[:MOST_HEADLINES]
 
 
-def _headline(result: xr.Dataset, array: xr.DataArray) -> Headline | None:
-    if array.size > MOST_NUMBERS or not is_quantity(array):
-        return None
-    values = np.asarray(printed(array.copy(deep=False)), dtype=float)
-    title, unit = title_of(array), unit_of(array)
+def _headline(result: xr.Dataset, array: xr.DataArray) -> tuple[str, str, str]:
+    values, unit = np.asarray(printed(array.copy(deep=False)), dtype=float), unit_of(array)
     if not np.isfinite(values).any():
-        return Headline("no value", "", title)
+        return "no value", "", ""
     low, high = number_texts(np.array([np.nanmin(values), np.nanmax(values)]), 4)
     if low == high:
-        return Headline(low, unit, title)
+        return low, unit, ""
     ends = [("minimum", low, np.nanargmin), ("maximum", high, np.nanargmax)]
     (worst, other, at_worst), (best, text, at_best) = ends[:: -1 if array.attrs.get(BEST_VALUE) == SMALLEST else 1]
-    if set(array.dims) & set(INNER) or not array.attrs.get(BEST_VALUE):
-        where = _place(result, array, int(at_worst(values)))  # the worst of several parts of one result is shown
-        return Headline(f"{low} to {high}", unit, title, f"{worst} at {where}" if where else "")
-    where, count = _place(result, array, int(at_best(values))), int(np.isfinite(values).sum())
+    inner = bool(set(array.dims) & set(INNER)) or not array.attrs.get(BEST_VALUE)
+    indices = np.unravel_index(int((at_worst if inner else at_best)(values)), array.shape)
+    point = {str(dim): int(index) for dim, index in zip(array.dims, indices, strict=True)}
+    where = Context(result).fulls({dim: i for dim, i in point.items() if array.sizes[dim] > 1 and dim in result.coords})
+    if inner:  # the worst of several parts of one result is shown
+        return f"{low} to {high}", unit, f"{worst} at {where}" * bool(where)
+    count = int(np.isfinite(values).sum())
     note = f"{best} of {count:,} points, at {where}; {worst} {other}{NO_BREAK_SPACE}{unit}".rstrip()
-    return Headline(text, unit, title, note if where else "")
+    return text, unit, note * bool(where)
 
 
-def _place(result: xr.Dataset, array: xr.DataArray, place: int) -> str:
-    indices = zip(map(str, array.dims), np.unravel_index(place, array.shape), strict=True)
-    point = {dim: int(index) for dim, index in indices if array.sizes[dim] > 1 and dim in result.coords}
-    return Context(result).fulls(point)
-
-
-def without(made: Sequence[Table], headlines: Sequence[Headline]) -> list[Table]:
+def without(made: Sequence[Table], headlines: Sequence[Mapping[str, str]]) -> list[Table]:
     """Return tables without columns that repeat headline numbers of a single point."""
-    shown, kept = {(one.value, one.unit) for one in headlines}, list[Table]()
+    shown, kept = {(one["value"], one["unit"]) for one in headlines}, list[Table]()
     for table in made:
         singles = [one.texts() if one.is_words else number_texts(np.array(one.values), 4) for one in table.columns]
         pairs = zip(table.columns, singles, strict=True)
@@ -235,7 +235,7 @@ def summary(result: xr.Dataset, names: Collection[str]) -> Iterator[str]:
     sizes = ", ".join(f"{name} {size:,}" for name, size in result.sizes.items())
     count = f"{len(result.data_vars):,} variable{'s' * (len(result.data_vars) != 1)}"
     yield f"{count} over {sizes}" if sizes else count
-    yield from map(str, headlines(result, names))
+    yield from (one["text"] for one in headlines(result, names))
 
 
 def numbers(
