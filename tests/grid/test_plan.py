@@ -27,7 +27,7 @@ from heliosweep.grid.plan import (
     human_seconds,
     make_plan,
 )
-from heliosweep.grid.regions import Variable, blocks_of, bytes_of, chunks_by_block
+from heliosweep.grid.regions import Variable, bytes_of, chunks_by_block
 
 ROOMY = Limits(workers=2, memory=8 * 2**30, disk=2**40)
 
@@ -64,7 +64,7 @@ def covered(regions, shape: dict[str, int]) -> bool:
 def test_blocks_and_chunks_cover_the_grid_once(sizes, evaluations, workers, chunks):
     work = workload({"a": 2, "b": 3, **sizes}, 40, 0, evaluations)
     plan = planned(work, Limits(workers, 2**36, 2**50), chunks)
-    pieces, blocks = list(plan.chunks()), list(blocks_of(plan.cuts))
+    pieces, blocks = list(plan.chunks()), [block for block, _ in chunks_by_block(plan.cuts)]
     cells = {**work.parameters, "heliostat": 40}
     assert covered((chunk.region for chunk in pieces), cells)
     assert covered((block.region for block in blocks), cells)

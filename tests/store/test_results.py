@@ -10,7 +10,7 @@ import xarray as xr
 from heliosweep import api
 from heliosweep.config.blocks import Output
 from heliosweep.errors import HeliosweepError, StudyError
-from heliosweep.grid.regions import Cut, Variable, blocks_of
+from heliosweep.grid.regions import Cut, Variable, chunks_by_block
 from heliosweep.store.compare import compare
 from heliosweep.store.folder import ChunkStore, check_contents, open_result, target_file, unfinished, verify
 from heliosweep.store.writer import Template, write_result
@@ -54,7 +54,7 @@ def write(folder: Path, compression: str = "none", **values: Any) -> Path:
     cells = (
         (block, {name: known[name][tuple(block.region.get(dim, slice(None)) for dim in one.dims)]
                 for name, one in VARIABLES.items() if one.kind == block.kind})
-        for block in blocks_of(CUTS)
+        for block, _ in chunks_by_block(CUTS)
     )  # fmt: skip
     return write_result(cells, TEMPLATE, Output(compression=compression), folder)
 

@@ -113,12 +113,12 @@ class Point:
     def all_instants(self) -> Instants:
         """All instants at the site of the point, including instants outside the region."""
         instants, here = instants_of(self.points.parameters), dict(zip(self.points.sizes, self.index, strict=True))
-        return instants.at_sites(here[instants.dim]) if instants.dim in here else instants
+        return instants.isel({instants.dim: here.get(instants.dim, 0)})
 
     @property
     def instants(self) -> Instants:
         """Instants in the region, at the site of the point."""
-        return self.all_instants.part(self.points.parameters.part(TIME))
+        return self.all_instants.isel({TIME: self.points.parameters.part(TIME)})
 
     @property
     def timezone(self) -> str:

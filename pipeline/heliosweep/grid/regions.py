@@ -209,28 +209,18 @@ class Cut:
         )
 
 
-def blocks_of(cuts: Mapping[str, Cut]) -> Iterator[Piece]:
-    """Yield the blocks of a result in the order of the file."""
-    for kind, cut in cuts.items():
-        yield from _named(kind, cut.blocks())
-
-
 def chunks_by_block(cuts: Mapping[str, Cut]) -> Iterator[tuple[Piece, list[Piece]]]:
-    """Yield each block of a result with its chunks."""
-    numbers = dict.fromkeys(cuts, 0)
-    for block in blocks_of(cuts):
-        chunks = list(_named(block.kind, regions(block.region, cuts[block.kind].chunk), numbers[block.kind]))
-        numbers[block.kind] += len(chunks)
-        yield block, chunks
+    """Yield the blocks of a result in the order of the file, each with its chunks."""
+    for kind, cut in cuts.items():
+        chunks = itertools.count()
+        for number, block in enumerate(cut.blocks()):
+            parts = [Piece(piece_name(kind, next(chunks)), kind, part) for part in regions(block, cut.chunk)]
+            yield Piece(piece_name(kind, number), kind, block), parts
 
 
 def piece_name(kind: str, number: int) -> str:
     """Return the name of a block or chunk."""
     return f"{kind}-{number:05}"
-
-
-def _named(kind: str, pieces: Iterable[dict[str, slice]], first: int = 0) -> Iterator[Piece]:
-    return (Piece(piece_name(kind, number), kind, region) for number, region in enumerate(pieces, first))
 
 
 def regions(region: Region, lengths: Mapping[str, int]) -> Iterator[dict[str, slice]]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from heliosweep.config import (
 from heliosweep.errors import Problem
 from heliosweep.grid.parameters import Parameters
 from heliosweep.kernels import sun as clock
+from heliosweep.lazy import xr
 from heliosweep.sun import direction, sun_vectors
 
 #: Maximum number of instants that are generated before the plan is accepted, or examined for sites without a sunrise.
@@ -41,20 +42,6 @@ DATE = {
 }
 
 
-class Label(NamedTuple):
-    """Values, dimensions and attributes of a data set's coordinate."""
-
-    dims: tuple[str, ...]
-    values: np.ndarray
-    attrs: dict[str, str]
-
-    def part(self, dim: str, span: slice | int) -> Label:
-        """Return the label for a part of a dimension. A label without this dimension is unchanged."""
-        index = tuple(span if name == dim else slice(None) for name in self.dims)
-        kept = self.dims if isinstance(span, slice) else tuple(name for name in self.dims if name != dim)
-        return Label(kept, self.values[index], self.attrs)
-
-
 @dataclass(frozen=True)
 class Instants:
     """Instants of a study, labelled along ``time``, on the clock ``solar``, ``civil``, ``weather`` or ``sun``.
@@ -68,28 +55,25 @@ class Instants:
     - ``sun``: a single ``instant`` for each sun direction.
     """
 
-    labels: dict[str, Label]
+    labels: dict[str, xr.Variable]
     clock: str
     dim: str = "site"
 
-    def coordinates(self) -> dict[str, Label]:
+    def coordinates(self) -> dict[str, xr.Variable]:
         """Return the labels as coordinates.
 
         If the instants are ascending and equal at all sites, the coordinate ``time`` contains the instants.
         """
         utc = self.labels.get("utc")
-        if utc and utc.dims == ("time",) and np.all(np.diff(utc.values) > np.timedelta64(0)):
+        if utc is not None and utc.dims == ("time",) and np.all(np.diff(utc.values) > np.timedelta64(0)):
             clock = {"standard_name": "time", "units_metadata": "leap_seconds: none"}
-            return {"time": utc._replace(attrs={**utc.attrs, **clock})}
+            return {"time": xr.Variable(utc.dims, utc.values, utc.attrs | clock)}
         return {name: label for name, label in self.labels.items() if name not in ("hours", "instant")}
 
-    def at_sites(self, part: slice | int) -> Instants:
-        """Return the instants of one or more sites or weather files."""
-        return replace(self, labels={name: label.part(self.dim, part) for name, label in self.labels.items()})
-
-    def part(self, span: slice) -> Instants:
-        """Return the instants in a part of the dimension ``time``."""
-        return replace(self, labels={name: label.part("time", span) for name, label in self.labels.items()})
+    def isel(self, spans: Mapping[str, slice | int]) -> Instants:
+        """Return a part of the instants by indices along ``time``, sites or weather files."""
+        labels = {name: label.isel(spans, missing_dims="ignore") for name, label in self.labels.items()}
+        return replace(self, labels=labels)
 
     @property
     def size(self) -> int:
@@ -125,8 +109,8 @@ def solar_instants(time: SolarTime) -> Instants:
     solar = {"long_name": "solar time of day", "units": "h"}
     return Instants(
         {
-            name: Label(("time",), np.repeat(outer, hours.size), attrs),
-            "solar_hour": Label(("time",), np.tile(hours, outer.size), solar),
+            name: xr.Variable("time", np.repeat(outer, hours.size), attrs),
+            "solar_hour": xr.Variable("time", np.tile(hours, outer.size), solar),
         },
         "solar",
     )
@@ -148,7 +132,8 @@ def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
         "comment": "middle of the interval of the weather file, in the year of the file",
     }
     length = {"long_name": "length of the interval", "units": "h"}
-    return Instants({"utc": Label(dims, utc, middle), "hours": Label(dims, hours, length)}, "weather", dim)
+    labels = {"utc": xr.Variable(dims, utc, middle), "hours": xr.Variable(dims, hours, length)}
+    return Instants(labels, "weather", dim)
 
 
 def _table(rows: Sequence[NDArray[np.datetime64]], dim: str) -> tuple[tuple[str, ...], NDArray[np.datetime64]]:
@@ -172,7 +157,7 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
     ``utc`` is along (``site``, ``time``), and sites with fewer instants are padded with NaT.
     """
     dims, utc = _table([np.unique(np.concatenate(daily_windows(time, zone))) for zone in timezones], "site")
-    return Instants({"utc": Label(dims, utc, {"long_name": "universal time"})}, "civil")
+    return Instants({"utc": xr.Variable(dims, utc, {"long_name": "universal time"})}, "civil")
 
 
 def civil_intervals(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -221,14 +206,14 @@ def instants_of(grid: Parameters) -> Instants:
     """Return the instants that the block ``time`` of the study specifies."""
     time: SolarTime | CivilTime | SunDirections | WeatherTime = grid.study.time  # type: ignore[attr-defined]
     if isinstance(time, SunDirections):
-        return Instants({"instant": Label(("time",), np.zeros(1), {})}, "sun")
+        return Instants({"instant": xr.Variable("time", np.zeros(1))}, "sun")
     if isinstance(time, SolarTime):
         return solar_instants(time)
     if isinstance(time, WeatherTime):
         dim = next((dim.name for dim in grid.study.dimensions() if "weather.file" in dim.sweeps), "site")
-        return weather_intervals(weather_of(grid.study), dim).at_sites(grid.part(dim))
+        return weather_intervals(weather_of(grid.study), dim).isel({dim: grid.part(dim)})
     # Generate instants for all sites, because their number and dimensions must not depend on the region.
-    return civil_instants(time, Parameters(grid.study).timezones()).at_sites(grid.part("site"))
+    return civil_instants(time, Parameters(grid.study).timezones()).isel({"site": grid.part("site")})
 
 
 def sun_attributes(
@@ -320,7 +305,7 @@ class Suns:
     """
 
     def __init__(self, parameters: Parameters) -> None:
-        self._instants = instants_of(parameters).part(parameters.part("time"))
+        self._instants = instants_of(parameters).isel({"time": parameters.part("time")})
         dim = self._instants.dim
         self._sites = list(parameters.sizes).index(dim) if dim in parameters.sizes else None
         self._last: tuple[object, np.ndarray] = (None, np.empty((0, 3)))
@@ -332,11 +317,10 @@ class Suns:
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> np.ndarray:
         """Return unit vectors to the sun at a point, shape (time, 3), given its index and the values of `PLACE`. [1]"""
-        site = None if self._sites is None else index[self._sites]
+        site = 0 if self._sites is None else index[self._sites]
         key = (site, tuple(place))
         if self._last[0] != key:
-            here = self._instants if site is None else self._instants.at_sites(site)
-            self._last = key, sun_at(here, place)
+            self._last = key, sun_at(self._instants.isel({self._instants.dim: site}), place)
         return self._last[1]
 
 

@@ -74,7 +74,7 @@ class Weathers:
         sky: tuple[Any, ...] = tuple(None if column is None else column[index] for column in self._sky)
         key = (row, tuple(place), sky)
         if self._last[0] != key:
-            source, here = self.source(index), self._instants.at_sites(row)
+            source, here = self.source(index), self._instants.isel({self._instants.dim: row})
             if isinstance(source, str):
                 hours, month = civil_intervals(self._study.time, source)
                 dni = clear_sky(here.labels["utc"].values, sun_at(here, place), place, *sky)

@@ -105,8 +105,8 @@ ELEVATION, AZIMUTH, ENCODER_AZIMUTH = range(3)
 #: Coefficients of a trigonometric polynomial of the error: 1, cos, sin, cos 2, sin 2, cos 3 and sin 3.
 Series = tuple[float, float, float, float, float, float, float]
 
-#: First two coefficients of the lines along the edges of an aperture: right, left, top and bottom.
-_SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+#: Lines along the edges of an aperture (right, left, top and bottom), without the distances of the edges.
+_EDGES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))
 #: Maximum number of steps in a search along the error. All searches in the tests need fewer steps.
 _STEPS = 10_000
 #: Maximum length of the last step. The remaining error is of second order and below rounding errors. [rad]
@@ -253,15 +253,14 @@ def fill_curves(
 ) -> None:
     """Write the arrays of `Curves`."""
     spots, tolerance, conic, crossing = found
-    edges, series_of_lines = np.empty((4, 3)), np.empty((4, 8))
+    edges, work = np.array(_EDGES), np.empty((4, 8))
     for p in range(len(source)):
         # If the mirror centre is fixed, the reflected rays form a cone whose apex is this centre.
         stays = setting.mirror_offset[p] == 0.0 and (source[p] == ENCODER or setting.pedestal_height[p] == 0.0)
         closed = (source[p] == CANTING or stays) and axis[p] != ENCODER_AZIMUTH
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
         w, h = setting.half_width[p], setting.half_height[p]
-        for m in range(4):
-            edges[m, 0], edges[m, 1], edges[m, 2] = _SIDES[m][0], _SIDES[m][1], w if m < 2 else h
+        edges[:2, 2], edges[2:, 2] = w, h
         cosine, sine, aligned = np.cos(sky[2][p]), np.sin(sky[2][p]), not np.any(sky[3][p] != 0.0)
         for i in range(tolerance.shape[1]):
             for t in range(tolerance.shape[2]):
@@ -272,27 +271,15 @@ def fill_curves(
                 y, z, status = spot_at(curve, face, 1.0, 0.0)
                 if status != REACHES:
                     continue
-                n, series = at_angle(curve.normal, 1.0, 0.0), spot_series(curve, face)
-                if not (aligned or (abs(y) <= w and abs(z) <= h)):
-                    tolerance[p, i, t] = 0.0
-                elif closed:
-                    tolerance[p, i, t] = angle_of(
-                        canting_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, w, h)
-                    )
-                else:
-                    tolerance[p, i, t] = abs(nearest(series, edges, series_of_lines))
+                series, tolerance[p, i, t] = spot_series(curve, face), 0.0
+                if aligned or (abs(y) <= w and abs(z) <= h):
+                    tolerance[p, i, t] = abs(nearest(curve, series, closed, face, edges, work))
                 if closed:
                     write_conic(curve, face, conic[:, p, i, t])
                 for m in range(len(lines)):
                     error = 0.0
                     if not aligned or lines[m, 2] != 0.0:  # otherwise the line passes through the spot without error
-                        if closed:
-                            cotangent, side = crossing_cotangent(
-                                curve.sun, n, curve.axis, curve.centre[0], face, three(lines[m])
-                            )
-                            error = side * angle_of(cotangent)
-                        else:
-                            error = nearest(series, lines[m : m + 1], series_of_lines)
+                        error = nearest(curve, series, closed, face, lines[m : m + 1], work)
                     y, z, status = spot_at(curve, face, math.cos(error), math.sin(error))
                     if abs(error) < math.inf and status == REACHES:
                         crossing[0, p, i, t, m], crossing[1, p, i, t, m], crossing[2, p, i, t, m] = y, z, error
@@ -431,12 +418,21 @@ def value_and_slope(series, c, s):
 
 
 @inner
-def nearest(series: tuple[Series, Series, Series, Series], lines: Floats, polynomials: Floats) -> float:
+def nearest(curve: Curve, series, closed: bool, face: Matrix, lines: Floats, polynomials: Floats) -> float:
     """Return the error of minimum magnitude at which the spot is real and on one of at most four lines. [rad]
 
     `series` is the `spot_series` of the curve, `lines` contains coefficients of lines, and `polynomials` is a work
-    array of shape (4, 8). The result is infinite if there is no such error, and NaN if a search does not converge.
+    array of shape (4, 8). `closed` is True if the reflected rays form a cone. The result is infinite if there is no
+    such error, and NaN if a search does not converge.
     """
+    best, side = -math.inf, 1.0
+    if closed:
+        n = at_angle(curve.normal, 1.0, 0.0)
+        for m in range(len(lines)):
+            found, sign = crossing_cotangent(curve.sun, n, curve.axis, curve.centre[0], face, three(lines[m]))
+            if found > best:
+                best, side = found, sign
+        return side * angle_of(best)
     _, u, v, w = series
     for m in range(len(lines)):  # the polynomials g of the lines, and bounds on their second derivatives
         g = polynomials[m]

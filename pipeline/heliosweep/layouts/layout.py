@@ -426,15 +426,38 @@ def _with_header(lines: list[int], texts: list[str], separator: str) -> tuple[li
     return [lines[0], *lines], [separator.join(row) for row in (header, *filled)]
 
 
+def _columns_of(table: Table, units: Sequence[str], reserved: Collection[str]) -> tuple[list[str], dict[str, float]]:
+    """Return the names of the columns, and the factors that convert columns in other units."""
+    keys, scales, lengths = list[str](), dict[str, float](), dict.fromkeys(_POSITION, "m")
+    wanted = {name: one.unit for name, one in PROPERTIES.items()} | lengths
+    # Positions in OpenCSP's tables, which have the column pivot_offset, are pivot positions.
+    pivots = "pivot_offset" in map(variable_name, table.header)
+    for place, title in enumerate(table.header):
+        name, unit = split_title(title)
+        key, unit = _TITLES.get(_letters(name), ""), "".join(units[place : place + 1]) or unit
+        if not key or (key in keys and key not in _POSITION) or (pivots and key == "pivot_height"):
+            key = variable_name(title)
+            key = key if key[:1].isalpha() else f"column_{key or place + 1}"
+            key = f"layout_{key}" if key in {*reserved, *PROPERTIES, *keys} else key
+        if key in keys:
+            table.add(f"has two columns {key!r}; remove one", HEADER, place)
+        keys.append(key)
+        if key in wanted and unit not in ("", "-", wanted[key]):
+            try:
+                scales[key] = factor(unit, wanted[key])
+            except ValueError:
+                table.add(f"is in {unit!r}; {key} must be in {wanted[key]}", HEADER, place)
+    return keys, scales
+
+
 def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) -> Layout:
-    titles, brackets = zip(*map(split_title, table.header), strict=True)
-    keys = _keys_of(table.header, titles, reserved)
+    keys, scales = _columns_of(table, units, reserved)
     for key, direction in (("x", "east"), ("y", "north")):
         if key not in keys:
             there = printable(", ".join(table.header))[:200]
             table.add(f"needs a column {key}, the metres {direction} of the tower's base (got {there})", HEADER)
-    scales = _scales_of(table, keys, units or brackets)
-    both = "focal_x" in keys and _letters(titles[keys.index("focal_x")]) in _BOTH
+    title = dict(zip(keys, table.header, strict=True)).get("focal_x", "")
+    both = _letters(split_title(title)[0]) in _BOTH
     table.header = keys
     table.check_rows()
     columns: dict[str, NDArray] = {}
@@ -454,34 +477,6 @@ def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) ->
     identity = ("id", "name", "template", "ring", "azimuth", "turn", "row", "canting_distance", "target")
     unused = columns.keys() - {*PROPERTIES, *identity}
     return Layout(x, y, z, columns, table.name, table.lines, labels=tuple(filter(unused.__contains__, columns)))
-
-
-def _keys_of(header: Sequence[str], titles: Sequence[str], reserved: Collection[str]) -> list[str]:
-    keys: list[str] = []
-    # Positions in OpenCSP's tables, which have the column pivot_offset, are pivot positions.
-    pivots = "pivot_offset" in map(variable_name, header)
-    for place, (title, name) in enumerate(zip(header, titles, strict=True)):
-        key = _TITLES.get(_letters(name), "")
-        if not key or (key in keys and key not in _POSITION) or (pivots and key == "pivot_height"):
-            key = variable_name(title)
-            key = key if key[:1].isalpha() else f"column_{key or place + 1}"
-            key = f"layout_{key}" if key in {*reserved, *PROPERTIES, *keys} else key
-        keys.append(key)
-    return keys
-
-
-def _scales_of(table: Table, keys: Sequence[str], units: Sequence[str]) -> dict[str, float]:
-    scales: dict[str, float] = {}
-    for place, (key, unit) in enumerate(zip(keys, units, strict=False)):
-        expected = "m" if key in _POSITION else PROPERTIES[key].unit if key in PROPERTIES else ""
-        if key in keys[:place]:
-            table.add(f"has two columns {key!r}; remove one", HEADER, place)
-        if expected and unit not in ("", "-", expected):
-            try:
-                scales[key] = factor(unit, expected)
-            except ValueError:
-                table.add(f"is in {unit!r}; {key} must be in {expected}", HEADER, place)
-    return scales
 
 
 def _typed(texts: list[str]) -> NDArray | None:

@@ -16,7 +16,7 @@ from heliosweep.families.family import Computation
 from heliosweep.families.misalignment.study import MisalignmentStudy
 from heliosweep.families.mount_errors import standard_deviates, standard_normals, widths_of
 from heliosweep.families.points import Point
-from heliosweep.grid import DATE, PLACE, Instants, Label, Parameters, Variable, flags, sun_at, window_positions
+from heliosweep.grid import DATE, PLACE, Instants, Parameters, Variable, flags, sun_at, window_positions
 from heliosweep.kernels.calibration import Mounts
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import ERRORS, Setting
@@ -121,7 +121,7 @@ def sun_of(point: Point) -> Floats:
 
 @lru_cache(maxsize=64)
 def _civil_sun(time: CivilTime, timezone: str, *place: float | None) -> Floats:
-    return sun_at(Instants({"utc": Label(("time",), wall_clock(time, timezone).ravel(), {})}, "civil"), place)
+    return sun_at(Instants({"utc": xr.Variable("time", wall_clock(time, timezone).ravel())}, "civil"), place)
 
 
 class Positions(LayoutAxis):
