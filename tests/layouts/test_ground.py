@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, TiffImagePlugin
 
-from heliosweep.config.layouts import Zone
+from heliosweep.config.blocks import Zone
 from heliosweep.errors import StudyError
 from heliosweep.layouts import radial_stagger
 from heliosweep.layouts.ground import Region, heights_at, read_area, read_heights, slope_heights

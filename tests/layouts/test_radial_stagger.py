@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
-from heliosweep.config.layouts import Zone
+from heliosweep.config.blocks import Zone
 from heliosweep.errors import StudyError
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.layouts import Layout, radial_stagger, read_csv

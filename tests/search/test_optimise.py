@@ -5,7 +5,7 @@ import random
 import numpy as np
 import pytest
 
-from heliosweep.config.search import population
+from heliosweep.config.sample import population
 from heliosweep.search.optimise import Course, Space, front, optimise
 
 SEEDS = range(3)

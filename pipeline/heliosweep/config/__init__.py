@@ -1,18 +1,21 @@
 """Read study files in strict YAML, and return validated, immutable studies.
 
 The module ``source`` parses the text, and ``values`` converts values with their units and sweeps. The modules
-``blocks``, ``times``, ``layouts``, ``sites``, ``sample``, ``search`` and ``study`` declare the keys of a study. The
+``blocks``, ``times``, ``sites``, ``sample`` and ``study`` declare the keys of a study. The
 modules ``tables`` and ``weather_files`` read other input files, and ``load`` reports every problem with its line and
 column. Families import all names of the study format from this package.
 """
 
 from heliosweep.config.blocks import (
+    GENERATORS,
     OWN,
     Block,
     Execution,
     Heliostat,
+    Layout,
     Output,
     Receiver,
+    Zone,
     blocks_in,
     declares,
     licence,
@@ -30,9 +33,9 @@ from heliosweep.config.faults import (
     one_of,
     when,
 )
-from heliosweep.config.layouts import GENERATORS, Layout, Zone
 from heliosweep.config.load import OPTION, execution_keys, load_mapping, settings, validated
 from heliosweep.config.sample import (
+    EVALUATION,
     LOCAL,
     MORRIS,
     RANDOM,
@@ -44,8 +47,8 @@ from heliosweep.config.sample import (
     drawn_keys,
     levels,
     parameter_names,
+    population,
 )
-from heliosweep.config.search import EVALUATION, population
 from heliosweep.config.sites import (
     DIMENSIONS,
     KEYS_OF,

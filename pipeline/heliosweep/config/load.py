@@ -16,11 +16,9 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from heliosweep.config.blocks import UNKNOWN_KEY, Execution, blocks_at, translate
+from heliosweep.config.blocks import GROUND, SOURCES, UNKNOWN_KEY, Execution, blocks_at, translate
 from heliosweep.config.faults import Path, did_you_mean, in_short, one_of, shown
-from heliosweep.config.layouts import GROUND, SOURCES
-from heliosweep.config.sample import bind_draws, sample_problems
-from heliosweep.config.search import search_problems, with_search
+from heliosweep.config.sample import bind_draws, sample_problems, search_problems, with_search
 from heliosweep.config.sites import with_weather_sites
 from heliosweep.config.source import ESCAPED, Place, Source, from_python, parse, read, scalar
 from heliosweep.config.study import Study

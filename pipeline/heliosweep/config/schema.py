@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
-from heliosweep.config.blocks import Block
+from heliosweep.config.blocks import Block, blocks_in
 from heliosweep.config.study import Study, plain
 from heliosweep.config.values import Numbers, Parameter, Samples, Schema
 
@@ -77,7 +77,7 @@ class Key:
 def keys_of(block: type[Block], prefix: str = "") -> Iterator[Key]:
     """Yield each key of a block, followed by the keys of its nested blocks."""
     for name, field in block.model_fields.items():
-        blocks = [] if block.parameter(name) else list(dict.fromkeys(_blocks(field.annotation)))
+        blocks = [pair for pair in dict.fromkeys(blocks_in(field.annotation)) if pair[0] != "{}"]
         parameter, default = block.parameter(name), None if field.default_factory else field.get_default()
         options, unit = getattr(parameter, "options", ()), getattr(parameter, "unit", "1").removeprefix("1")
         meaning = getattr(parameter, "purpose" if isinstance(parameter, Numbers) else "description", "")
@@ -108,13 +108,6 @@ def _merged(tags: list[str], keys: list[Key], blocks: int) -> Key:
         key = replace(key, value=", ".join(dict.fromkeys(one.value for one in keys)))
     some = len(keys) < blocks and all(tags)
     return replace(key, only=", ".join(dict.fromkeys(tags))) if some else key
-
-
-def _blocks(annotation: Any, suffix: str = "") -> Iterator[tuple[str, type[Block]]]:
-    if isinstance(annotation, type) and issubclass(annotation, Block):
-        yield suffix, annotation
-    for argument in get_args(annotation) if get_origin(annotation) is not dict else ():
-        yield from _blocks(argument, "[]" if get_origin(annotation) is tuple else suffix)
 
 
 def _value(block: type[Block], name: str, parameter: Parameter | None, blocks: list[Any], unit: str) -> str:

@@ -19,8 +19,7 @@ from pydantic import Field, PrivateAttr
 
 from heliosweep.config.blocks import Block, Dataset, Execution, Output, Report
 from heliosweep.config.faults import in_short
-from heliosweep.config.sample import SAMPLE, Sample
-from heliosweep.config.search import Search
+from heliosweep.config.sample import SAMPLE, Sample, Search
 from heliosweep.config.source import Source, scalar
 from heliosweep.config.times import DateList
 from heliosweep.config.values import Distribution, Drawn, FileName, Parameter, Samples, Sweep, Text, as_range, ends

@@ -81,7 +81,7 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
         If the family cannot use sun directions, or if the directions are invalid.
     """
     time = type(study).model_fields.get("time")
-    if time is None or SunDirections not in blocks_in(time.annotation):
+    if time is None or ("", SunDirections) not in blocks_in(time.annotation):
         message = f"{study.family} does not support 'clock: sun', which a table over directions of the sun needs"
         raise StudyError(study.problem("family", message))
     content = study.resolved(lambda name: study.seen_from(Path(), name))
