@@ -28,7 +28,6 @@ from heliosweep.store.folder import (
     locked,
     made,
     page_head,
-    result_folders,
     sources_of,
     status_of,
     target_file,
@@ -406,7 +405,7 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
     ['complete']
     """
     if not of:
-        return [status_of(folder) for folder in result_folders(Path(OUTPUTS))]
+        return [one for one in map(status_of, sorted(Path(OUTPUTS).glob("*/"))) if one.state != "not run"]
     return [status_of(folder_of(place)) for place in of]
 
 

@@ -13,7 +13,7 @@ from heliosweep.errors import HeliosweepError, StudyError
 from heliosweep.grid.regions import Cut, Variable, chunks_by_block
 from heliosweep.store.compare import compare
 from heliosweep.store.folder import ChunkStore, check_contents, open_result, target_file, unfinished, verify
-from heliosweep.store.writer import Template, write_result
+from heliosweep.store.writer import write_result
 
 SIZES = {"latitude": 3, "time": 10, "heliostat": 7}
 COORDINATES = xr.Dataset(
@@ -45,7 +45,7 @@ CUTS = {
     "series": Cut(SIZES, {"latitude": 1, "time": 4, "heliostat": 4}, {"latitude": 1, "time": 4, "heliostat": 2}),
 }
 ATTRIBUTES = {"title": "test", "study": '{"a": 1, "b": {"c": 2}}', "version": np.int32(1)}
-TEMPLATE = Template(SIZES, COORDINATES, VARIABLES, ATTRIBUTES, CUTS)
+TEMPLATE = (COORDINATES.assign_attrs(ATTRIBUTES), VARIABLES, SIZES, CUTS)
 
 
 def write(folder: Path, compression: str = "none", **values: Any) -> Path:
@@ -56,7 +56,7 @@ def write(folder: Path, compression: str = "none", **values: Any) -> Path:
                 for name, one in VARIABLES.items() if one.kind == block.kind})
         for block, _ in chunks_by_block(CUTS)
     )  # fmt: skip
-    return write_result(cells, TEMPLATE, Output(compression=compression), folder)
+    return write_result(cells, *TEMPLATE, Output(compression=compression), folder)
 
 
 @pytest.mark.parametrize("compression", ["none", "zlib"])

@@ -43,8 +43,9 @@ from heliosweep.grid import (
     trial_seconds,
 )
 from heliosweep.lazy import xr
+from heliosweep.store import writer
 from heliosweep.store.folder import CHUNKS, ChunkStore, check_digest, open_result, status_of
-from heliosweep.store.writer import Template, finished, identity_of, listed, words_of, write_manifest, write_result
+from heliosweep.store.writer import finished, identity_of, listed, words_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -417,10 +418,11 @@ class Run:
         _ = self.plan  # rejects a study that is too large before the kernels are compiled
         blocks = self.compute(progress)
         with self.timed("publish"):
-            variables, attributes = in_result(self.plan.variables), {**self._words, **self.coordinates.attrs}
-            sizes, cuts = self.plan.workload.sizes, self.plan.cuts
-            template = Template(sizes, self.coordinates, variables, attributes, cuts)
-            path = write_result(blocks, template, self.study.output, self.folder)
+            coordinates = self.coordinates.assign_attrs({**self._words, **self.coordinates.attrs})
+            variables, sizes = in_result(self.plan.variables), self.plan.workload.sizes
+            path = writer.write_result(
+                blocks, coordinates, variables, sizes, self.plan.cuts, self.study.output, self.folder
+            )
         with self.timed("record"):
             self._record(path)
             for place in self.folder.glob(f"{CHUNKS}*"):
@@ -508,7 +510,7 @@ class Run:
             "workers": plan.workers,
             "seconds": self.seconds,
         }
-        write_manifest(self.folder, study, path, content)
+        writer.write_manifest(self.folder, study, path, content)
 
 
 def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:

@@ -274,12 +274,6 @@ def status_of(folder: Path) -> Status:
         return Status(folder, "damaged", str(error).removeprefix(f"{folder}/"))
 
 
-def result_folders(outputs: Path) -> list[Path]:
-    """Return the folders below `outputs` in which a study was run or is running."""
-    marks = (MANIFEST, RESULT, f"{CHUNKS}*")
-    return [folder for folder in sorted(outputs.glob("*/")) if any(next(folder.glob(mark), None) for mark in marks)]
-
-
 def status_lines(statuses: Sequence[Status]) -> Iterable[str]:
     """Yield one line of text for each study."""
     width = max((len(str(status.folder)) for status in statuses), default=0)
@@ -445,37 +439,29 @@ class Verification(NamedTuple):
 def verify(folder: str | os.PathLike[str]) -> Verification:
     """Check a finished or unfinished result folder without changing it. Damage is reported without an exception."""
     place = user_path(folder)
-    finished = (place / MANIFEST).exists() or unfinished(place) is None
-    found = list[tuple[bool, str]]()
+    store = None if (place / MANIFEST).exists() else unfinished(place)
+    damage, lines, path = list[str](), list[str](), place / RESULT
     try:
-        found.extend(_of_finished(place) if finished else _of_chunks(place))
+        if store:
+            done = sorted(store.done())
+            damaged = [name for name in done if store.load(name) is None]
+            lines.append(f"{len(done) - len(damaged):,} of {store.record['chunks']:,} chunks are done")
+            damage += [f"chunk {name}: is damaged; the next run computes it again" for name in damaged]
+            lines += [*damage, *["note: a run is active in this folder"] * is_locked(place)]
+            return Verification(place, False, not damage, lines)
+        if not place.is_dir():
+            raise HeliosweepError("is not a folder: give a result folder, or run the study")
+        manifest = read_manifest(place)
+        if not path.exists():
+            damage.append(f"{RESULT}: is missing")
+        elif result_digest(path) != manifest["result"]["sha256"]:
+            damage.append(f"{RESULT}: is not as written (SHA-256); run the study again")
+        else:
+            lines.append(f"{RESULT}: {human_bytes(path.stat().st_size)}, as written (SHA-256)")
+        if manifest.get("digest", manifest_digest(manifest)) != manifest_digest(manifest):
+            damage.append(f"{MANIFEST}: is not as written (SHA-256)")
+        if not (place / "report.html").is_file():
+            lines.append(f"note: there is no report.html; write it with: heliosweep report {place}")
     except (HeliosweepError, OSError, ValueError) as error:
-        found.append((False, str(error).removeprefix(f"{place}/")))
-    return Verification(place, finished, all(good for good, _ in found), [line for _, line in found])
-
-
-def _of_finished(folder: Path) -> Iterator[tuple[bool, str]]:
-    if not folder.is_dir():
-        raise HeliosweepError("is not a folder: give a result folder, or run the study")
-    manifest, path = read_manifest(folder), folder / RESULT
-    if not path.exists():
-        yield False, f"{RESULT}: is missing"
-    elif result_digest(path) != manifest["result"]["sha256"]:
-        yield False, f"{RESULT}: is not as written (SHA-256); run the study again"
-    else:
-        yield True, f"{RESULT}: {human_bytes(path.stat().st_size)}, as written (SHA-256)"
-    if manifest.get("digest", manifest_digest(manifest)) != manifest_digest(manifest):
-        yield False, f"{MANIFEST}: is not as written (SHA-256)"
-    if not (folder / "report.html").is_file():
-        yield True, f"note: there is no report.html; write it with: heliosweep report {folder}"
-
-
-def _of_chunks(folder: Path) -> Iterator[tuple[bool, str]]:
-    store = unfinished(folder)
-    assert store is not None
-    done = sorted(store.done())
-    damaged = [name for name in done if store.load(name) is None]
-    yield True, f"{len(done) - len(damaged):,} of {store.record['chunks']:,} chunks are done"
-    yield from ((False, f"chunk {name}: is damaged; the next run computes it again") for name in damaged)
-    if is_locked(folder):
-        yield True, "note: a run is active in this folder"
+        damage.append(str(error).removeprefix(f"{place}/"))
+    return Verification(place, not store, not damage, [*damage, *lines])

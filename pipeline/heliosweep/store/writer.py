@@ -13,7 +13,6 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,7 @@ import numpy as np
 from heliosweep import __version__
 from heliosweep.config import CivilTime, SolarTime, Study, WeatherTime, id_of
 from heliosweep.errors import HeliosweepError
-from heliosweep.files import LIBRARY_LOCK, remove, sync, why_not_written, write_whole, written_whole
+from heliosweep.files import LIBRARY_LOCK, remove, why_not_written, write_whole, written_whole
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Cut, Piece, Variable, index_of
 from heliosweep.lazy import netCDF4, xr
@@ -225,42 +224,31 @@ if TYPE_CHECKING:
 _TIME_ATTRIBUTES = {"units": "seconds since 1970-01-01T00:00:00Z", "calendar": "standard"}
 
 
-@dataclass(frozen=True)
-class Template:
-    """Contents of a result file except the values of its variables.
-
-    Parameters
-    ----------
-    sizes : mapping of str to int
-        Dimensions in the order of the result.
-    coordinates : xarray.Dataset
-        Coordinates of the result, in memory.
-    variables : mapping of str to Variable
-        Data variables in the order of the result.
-    attributes : mapping of str to object
-        Global attributes.
-    cuts : mapping of str to Cut
-        Division of each kind of variable into blocks, which are also the storage chunks of compressed variables.
-    """
-
-    sizes: Mapping[str, int]
-    coordinates: xr.Dataset
-    variables: Mapping[str, Variable]
-    attributes: Mapping[str, Any]
-    cuts: Mapping[str, Cut]
-
-
-def write_result(blocks: Blocks, template: Template, output: Output, folder: Path) -> Path:
+def write_result(
+    blocks: Blocks,
+    coordinates: xr.Dataset,
+    variables: Mapping[str, Variable],
+    sizes: Mapping[str, int],
+    cuts: Mapping[str, Cut],
+    output: Output,
+    folder: Path,
+) -> Path:
     """Write the result of a study, replacing an existing result.
 
     Parameters
     ----------
     blocks : iterable of (Piece, mapping of str to array)
         All blocks of the result in the order of the file, with the values of their variables.
-    template : Template
-        Contents of the result file except the values.
+    coordinates : xarray.Dataset
+        Coordinates and global attributes of the result, in memory.
+    variables : mapping of str to Variable
+        Data variables in the order of the result.
+    sizes : mapping of str to int
+        Dimensions in the order of the result.
+    cuts : mapping of str to Cut
+        Division of each kind of variable into blocks, which are also the storage chunks of compressed variables.
     output : Output
-        Block `output` of the study, which specifies the compression.
+        Block `output` of the study, which specifies the compression of time series.
     folder : pathlib.Path
         Result folder.
 
@@ -276,61 +264,58 @@ def write_result(blocks: Blocks, template: Template, output: Output, folder: Pat
     """
     path = folder / RESULT
     level = 0 if output.compression == "none" else output.compression_level
+    chunks = {**sizes, **cuts["series"].block} if level and "series" in cuts else {}
     with written_whole(path) as temporary:
-        _write_netcdf(temporary, blocks, template, level, path)
-        sync(temporary)
+        with LIBRARY_LOCK:
+            file = netCDF4.Dataset(temporary.absolute(), "w", format="NETCDF4")
+        try:
+            with LIBRARY_LOCK:
+                _define(file, coordinates, variables, sizes, chunks, level)
+            for block, values in blocks:
+                for name in values:
+                    array = _numbers(np.asarray(values[name]))
+                    with LIBRARY_LOCK:
+                        file[name][index_of(variables[name].dims, block.region) or ...] = array
+            with LIBRARY_LOCK:
+                file.close()
+        except (OSError, RuntimeError) as error:
+            raise HeliosweepError(why_not_written(path, error)) from error
+        finally:
+            with LIBRARY_LOCK, suppress(OSError, RuntimeError):
+                if file.isopen():
+                    file.close()  # closing the file writes data, and fails again if the disk is full
         # If a run is killed here, the folder has no manifest, and the next run starts again.
         for name in DESCRIPTIONS:
             remove(folder / name)
     return path
 
 
-def _write_netcdf(path: Path, blocks: Blocks, template: Template, level: int, named: Path) -> None:
-    """Write a NetCDF file with time series compressed at `level` (0: none). Messages contain the name `named`."""
-    with LIBRARY_LOCK:
-        file = netCDF4.Dataset(path.absolute(), "w", format="NETCDF4")
-    try:
-        with LIBRARY_LOCK:
-            _define(file, template, level)
-        for block, values in blocks:
-            for name in values:
-                array = _numbers(np.asarray(values[name]))
-                with LIBRARY_LOCK:
-                    file[name][index_of(template.variables[name].dims, block.region) or ...] = array
-        with LIBRARY_LOCK:
-            file.close()
-    except (OSError, RuntimeError) as error:
-        raise HeliosweepError(why_not_written(named, error)) from error
-    finally:
-        with LIBRARY_LOCK, suppress(OSError, RuntimeError):
-            if file.isopen():
-                file.close()  # closing the file writes data, and fails again if the disk is full
-
-
-def _define(file: netCDF4.Dataset, template: Template, level: int) -> None:
+def _define(
+    file: netCDF4.Dataset,
+    coordinates: xr.Dataset,
+    variables: Mapping[str, Variable],
+    sizes: Mapping[str, int],
+    chunks: Mapping[str, int],
+    level: int,
+) -> None:
+    """Define all variables. Time series are stored in `chunks`, compressed at `level`, if `chunks` is not empty."""
     file.set_auto_maskandscale(False)
     file.set_fill_off()  # each value is written exactly once
-    file.setncatts(dict(template.attributes))
-    for dim, size in template.sizes.items():
+    file.setncatts(dict(coordinates.attrs))
+    for dim, size in sizes.items():
         file.createDimension(dim, size)
-    _write_coordinates(file, template.coordinates)
-    for name, variable in template.variables.items():
+    _write_coordinates(file, coordinates)
+    for name, variable in variables.items():
         dtype = np.dtype(np.float64) if variable.dtype.kind == "M" else variable.dtype
         storage: dict[str, Any] = {"contiguous": True}
-        if level and variable.kind == "series":
-            block = {**template.sizes, **template.cuts["series"].block}
-            chunks = [block[dim] for dim in variable.dims]
-            storage = {"chunksizes": chunks, "compression": "zlib", "complevel": level}
+        if compressed := bool(chunks) and variable.kind == "series":
+            storage = {"chunksizes": [chunks[dim] for dim in variable.dims], "compression": "zlib", "complevel": level}
         fill = np.nan if dtype.kind == "f" else False
         target = file.createVariable(name, dtype, variable.dims, fill_value=fill, **storage)
-        # each chunk is written once, so a chunk cache would waste 64 MB per variable
-        if level and variable.kind == "series":
+        if compressed:  # each chunk is written once, so a chunk cache would waste 64 MB per variable
             target.set_var_chunk_cache(size=1, nelems=1, preemption=1.0)
-        labels = [
-            str(label)
-            for label, one in template.coordinates.variables.items()
-            if label not in template.sizes and set(one.dims) <= set(variable.dims)
-        ]
+        along = [str(label) for label, one in coordinates.variables.items() if {*one.dims} <= {*variable.dims}]
+        labels = [label for label in along if label not in sizes]
         target.setncatts({**variable.attrs, "coverage_content_type": "modelResult"})
         target.setncatts(_TIME_ATTRIBUTES if variable.dtype.kind == "M" else {})
         target.setncatts({"coordinates": " ".join(labels)} if labels else {})
