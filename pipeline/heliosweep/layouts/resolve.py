@@ -363,16 +363,3 @@ def _counted(study: Study, key: str) -> Layouts:
         remedy = " or give the layout's 'heliostats'" if most == MAX_MADE else ""
         raise PlanError(f"refused: {number:,} layouts are more than {most:,}; shrink '{axis.name}' first{remedy}")
     return layouts
-
-
-def weighted_mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the weighted mean over the last dimension, with a rounding error that does not depend on chunks.
-
-    Values with zero weight, including NaN, are omitted. The mean is NaN if all weights are zero.
-    """
-    means = np.full(values.shape[:-1], np.nan)
-    for index in np.ndindex(means.shape):
-        used = weights[index] > 0  # omit zero weights, so that padding does not change the summation order
-        if used.any():
-            means[index] = np.sum(values[index][used] * weights[index][used]) / np.sum(weights[index][used])
-    return means

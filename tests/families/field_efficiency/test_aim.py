@@ -8,8 +8,7 @@ import pytest
 
 import heliosweep
 from heliosweep.families.family import families
-from heliosweep.families.field_efficiency import compute as module
-from heliosweep.families.field_efficiency.flux import aims, turns
+from heliosweep.families.field_efficiency.traced import Way, turns
 from heliosweep.kernels.field.efficiency import field_sums, sorted_field
 from tests.families.field_efficiency.test_optics import NOON, OPTICS, lit  # noqa: F401
 from tests.families.studies import computed
@@ -54,18 +53,18 @@ def test_points_of_the_layout(sunny, tmp_path):
 
 def test_levels_take_turns_around_the_tower(sunny, monkeypatch):
     """Heights of the aims, caught on their way to the kernel: symmetric levels within the receiver, spots inside."""
-    points: list[np.ndarray] = []
+    points, aims = list[np.ndarray](), Way.aims
 
     def caught(*args: Any) -> np.ndarray:
         points.append(aims(*args))
         return points[-1]
 
-    monkeypatch.setattr(module, "aims", caught)
+    monkeypatch.setattr(Way, "aims", caught)
     study = sunny(aim={"strategy": "spread", "levels": 3}, optics={**OPTICS, "slope_error": 1})
     family = families()["field_efficiency"]
     inputs = family.inputs(study)
     family.compute(study, inputs, {})
-    found = points[0]
+    found = points[-1]
     layout = inputs.layouts.at({})
     order = np.argsort(turns(np.column_stack((layout.x, layout.y))))
     azimuth = np.arctan2(layout.x, layout.y)[order] % (2 * np.pi)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,7 @@ from heliosweep.aiming import VARIABLES, choose_aims
 from heliosweep.config import SunDirections
 from heliosweep.economics import ITEMS
 from heliosweep.families.family import Computation
-from heliosweep.families.field_efficiency.chain import KEPT, Geometry, Inputs, Way, months_of, values_of
-from heliosweep.families.field_efficiency.flux import aims, flux_labels, images, is_limited, limited, varies, with_aims
+from heliosweep.families.field_efficiency.flux import flux_labels, images, is_limited, varies
 from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
 from heliosweep.families.field_efficiency.light_checks import mapped
 from heliosweep.families.field_efficiency.losses import (
@@ -32,25 +30,25 @@ from heliosweep.families.field_efficiency.losses import (
     tower_of,
     years_of,
 )
-from heliosweep.families.field_efficiency.optics import KEYS, label_keys
+from heliosweep.families.field_efficiency.optics import label_keys
 from heliosweep.families.field_efficiency.traced import (
-    LightSums,
+    KEPT,
+    Geometry,
+    Inputs,
     TracedField,
+    Way,
     is_series_traced,
+    months_of,
     usual_rays,
 )
 from heliosweep.families.field_efficiency.values import (
     DOWN,
-    Days,
     Field,
     Hours,
     angles_of,
-    at_instants,
-    energies_of_field,
     hours_of,
     land_area,
     means_of_field,
-    totals,
 )
 from heliosweep.families.field_efficiency.variables import (
     ANGLES,
@@ -60,17 +58,16 @@ from heliosweep.families.field_efficiency.variables import (
     LIGHT,
     MONTHS,
     MOTION,
-    NOISY,
     OUTLINES,
     variables,
 )
 from heliosweep.families.points import Point
 from heliosweep.files import processors
-from heliosweep.grid import LIMITS, MAX_INSTANTS, PLACE, Parameters, Suns, instant_count, instants_of
+from heliosweep.grid import LIMITS, MAX_INSTANTS, PLACE, Parameters, Suns, Weathers, instant_count, instants_of
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.kernels.rays import warm_rays
-from heliosweep.layouts.resolve import Layouts, longest, weighted_mean
+from heliosweep.layouts.resolve import Layouts, longest
 from heliosweep.lazy import scipy, xr
 from heliosweep.light import TRACKING, mirror_area
 
@@ -196,111 +193,116 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
     Values are missing (NaN) at instants with the sun below the horizon, and means are missing if the sun is never up.
     Rays are traced once for both the means and the time series of a field.
     """
-    key, inputs = tuple(point.position.values()), point.inputs
+    series, inputs, key = "time" in point.points.region, point.inputs, tuple(point.position.values())
     if not is_series_traced(point.study):
-        return _values(point, key)
-    if "time" in point.points.region:
-        return _values(point, key, inputs.series_of(key))
-    with inputs.series_from(key) as future:
-        return _values(point, key, future=future)
+        return _values(point, series)
+    with inputs.locks[key]:
+        means: dict[str, np.ndarray] = inputs.last("means", key, partial(_values, point, False), KEPT)
+    return _values(point, True, means["sums"]) if series else means
 
 
-def _values(
-    point: Point, key: tuple[int, ...], whole: np.ndarray | None = None, future: Future[Any] | None = None
-) -> dict[str, np.ndarray]:
-    """Return the values at a point of the result.
+def _values(point: Point, series: bool, sums: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    """Return the values at a point of the result, and the ray sums at each instant if time series or heat need them.
 
-    `whole` contains the ray sums of the field at each instant. If `whole` is None, rays are traced. `future` receives
-    the ray sums that are computed together with the means.
+    If `series` is True, the values are time series. If `sums` is given, no rays are traced.
     """
     study, layout, output, span = point.study, point.layout, point.study.output, point.part("heliostat")
     first, stop = span.start or 0, len(layout) if span.stop is None else min(span.stop, len(layout))
     if first >= len(layout):
         return {}
-    series, (there, hours, months) = "time" in point.points.region, _light_of(point)
+    there, hours, months = light_of(point)
     part = point.part("time") if _complete(study) else slice(None)
-    sun, now = there if hours is None else hours.sun, there[part]
-    field_of = partial(_field, point, months=months)
-    aimed = partial(limited, point, sun=sun, hours=hours)
+    sun, now, field_of = there if hours is None else hours.sun, there[part], partial(_field, point, months=months)
     made: dict[str, np.ndarray] = {}
+
+    def aimed(layout: Layout) -> Field | TracedField:
+        field = field_of(layout)
+        return field.limited(point, sun, hours) if isinstance(field, TracedField) else field
+
     if study.keep is not None:
-        blocks = _blocks(study, len(sun), 0, len(layout))
-        choose = partial(select, [point[key] for key in _KEEP], layout, field_of, aimed, sun, hours, blocks)
+        key, choose = tuple(point.position.values()), partial(select, point, field_of, aimed, sun, hours)
         rows, rank = point.inputs.last("kept", key, choose)
         made |= {"kept": np.isin(np.arange(len(layout)), rows) * 1.0, "selection_rank": rank * 1.0}
         layout, stop = layout.part(rows), len(rows)
-    field: Field | TracedField = aimed(field_of(layout))
-    if series:
-        found, of_field = _series_of(field, sun, part, hours, first, stop, whole)
-        made |= at_instants(now, hours, part)
+    field = aimed(layout)
+    if isinstance(field, TracedField) and not series:
+        needed = is_series_traced(study) or (has_heat(study) and hours is not None)
+        field = field._replace(light={"sums": 0.0} if needed else {})
+    found, of_field = dict[str, np.ndarray](), dict[str, Any]()
+    if not series:
+        found = blocks_of(field, sun, hours, first, stop)
+        found |= {} if study.design_point is None else _design(field, first, stop)
+        if isinstance(field, TracedField):
+            of_field = (field.light or {}) | field.maps()
+            if has_heat(study) and hours is not None:
+                of_field |= heat_of_year(field.received(hours), field.way.values, point.inputs.losses, hours, found)
+    elif isinstance(field, TracedField):
+        found = field.series(sun, part, hours, first, stop, sums)
+        if hours is not None and has_heat(study):
+            found["field_heat_power"] = heat_power(found["field_power"], field.way.values, point.inputs.losses)
+        of_field = {name: found.pop(name) for name in list(found) if name.startswith("field_")}
     else:
-        found, of_field = _sums_of(field, sun, hours, first, stop, future)
-    if study.budget is not None and hours is not None and not series:
+        blocks = list(_blocks(study, len(sun), first, stop))
+        pieces = [field.series(sun, part, hours, start, end) for start, end in blocks]
+        found, of_field = _joined(pieces), means_of_field(pieces, [field.area[start:end] for start, end in blocks])
+    if series:
+        x, y, z = np.where(now[:, 2:] > 0, now, np.nan).T
+        made |= {"sun_azimuth": np.degrees(np.arctan2(x, y)) % 360.0} | (
+            {} if hours is None else {"dni": hours.dni[part]}
+        )
+        made["sun_elevation"] = np.degrees(np.arctan2(z, np.hypot(x, y)))
+    elif study.budget is not None and hours is not None:
         made |= _budget(point, layout, field, hours, months, float(found["receiver_energy"].sum()))
     if output.tracking_angles:
-        found |= _angles(point, field, now, first, stop)
+        directions = isinstance(study.time, SunDirections)
+        names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
+        over = None if series or directions else hours_of(point.all_instants, study.time)
+        towards = efficiency.aimed(*field.mirrors[:6]).aim[first:stop]
+        found |= dict(zip(names, angles_of(towards, now, field.mirrors[6], over, series), strict=True))
     if isinstance(field, TracedField) and series == varies(study):
         for name, values in field.aims.items():
             (found if "heliostat" in VARIABLES[name][0] else made)[name] = values[part] if series else values[0]
-    if study.keep is not None:
-        found = {name: _spread(values, made["kept"] > 0) for name, values in found.items()}
+    if study.keep is not None:  # the kept heliostats get their rows in the whole layout
+        kept, some = made["kept"] > 0, found
+        found = {name: np.full((*values.shape[:-1], kept.size), np.nan) for name, values in some.items()}
+        for name, values in some.items():
+            found[name][..., kept] = values
     if output.outlines and not series:
         shapes = efficiency.mirror_outlines(*field.mirrors, now[0], first, stop, output.outlines)
         made |= zip(OUTLINES, (*np.moveaxis(shapes.corners, -1, 0), *shapes[1:]), strict=True)
     return made | found | of_field
 
 
-def _spread(values: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Expand values of the kept heliostats to all heliostats (last dimension), with NaN for the omitted heliostats."""
-    whole = np.full((*values.shape[:-1], kept.size), np.nan)
-    whole[..., kept] = values
-    return whole
-
-
-def _light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
+def light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
     """Return the sun directions at a point, irradiation (None without weather), and months (None if not needed)."""
     study, points, place = point.study, point.points, [point[key] for key in PLACE]
     around = points.once("around", lambda: Parameters(study, {k: v for k, v in points.region.items() if k != "time"}))
     suns = points.once("suns", lambda: Suns(around if _complete(study) else points.parameters))
-    hours = months = None
+    sun, horizon, hours, months = suns.at(point.index, place), horizon_of(study), None, None
+    below = hidden(sun, horizon)
     if study.weather is not None:
-        hours = points.once("days", lambda: Days(around, suns)).at(point.index, place, [point[key] for key in LIMITS])
+        air = points.once("air", lambda: Weathers(around)).at(point.index, place)
+        hours = Hours.of(sun, air, [point[key] for key in LIMITS], None if horizon is None else below)
     elif study.optics is not None and study.optics.cleanliness_by_month is not None:
         months = months_of(point.all_instants, place[1])
-    sun = suns.at(point.index, place)
-    return np.where(hidden(sun, horizon_of(study))[:, np.newaxis], DOWN, sun), hours, months
+    return np.where(below[:, np.newaxis], DOWN, sun), hours, months
 
 
-def _sums_of(
-    field: Field | TracedField, sun: np.ndarray, hours: Hours | None, first: int, stop: int, future: Future[Any] | None
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return means, energies and design-point values of heliostats `first` to `stop` - 1, and sums over the field."""
-    light = LightSums(field.way) if isinstance(field, TracedField) else None
-    given, pieces = {} if light is None else {"light": light}, []
-    for start, end in _blocks(field.study, len(sun), first, stop):
-        values = field.means(sun, start, end, **given) if hours is None else field.energies(hours, start, end, **given)
-        pieces.append(values | ({} if field.study.design_point is None else field.design(start, end, **given)))
-    if future is not None and light is not None and np.ndim(light.series):
-        future.set_result(light.series)
-    found, of_field = _joined(pieces), {} if light is None else light.values()
-    if light is not None and hours is not None and isinstance(field, TracedField) and has_heat(field.study):
-        of_field |= heat_of_year(light.received(hours), field.way.values, field.way.inputs.losses, hours, found)
-    return found, of_field
+def blocks_of(
+    field: Field | TracedField, sun: Floats, hours: Hours | None, first: int, stop: int
+) -> dict[str, np.ndarray]:
+    """Return means or energies of the heliostats `first` to `stop` - 1."""
+    blocks = _blocks(field.study, len(sun), first, stop)
+    if hours is None:
+        return _joined([field.means(sun, start, end) for start, end in blocks])
+    return _joined([field.energies(hours, start, end) for start, end in blocks])
 
 
-def _series_of(
-    field: Field | TracedField, sun: np.ndarray, part: slice, hours: Hours | None, first: int, stop: int,
-    whole: np.ndarray | None,
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:  # fmt: skip
-    """Return the values of the heliostats `first` to `stop` - 1 and of the field at the instants of `part`."""
-    if isinstance(field, TracedField):
-        found = field.series(sun, part, hours, first, stop, whole)
-        if hours is not None and has_heat(field.study):
-            found["field_heat_power"] = heat_power(found["field_power"], field.way.values, field.way.inputs.losses)
-        return found, {name: found.pop(name) for name in list(found) if name.startswith("field_")}
-    blocks = list(_blocks(field.study, len(sun), first, stop))
-    pieces = [field.series(sun, part, hours, start, end) for start, end in blocks]
-    return _joined(pieces), means_of_field(pieces, [field.area[start:end] for start, end in blocks])
+def _design(field: Field | TracedField, start: int, end: int) -> dict[str, np.ndarray]:
+    """Return values at the design point. [1]"""
+    point = field.study.design_point
+    values = field.means(point.sun(field.place[0]), start, end, point)
+    return {f"design_point_{name}": each for name, each in values.items()}
 
 
 class Altered(Point):
@@ -326,10 +328,9 @@ def _budget(
     def energies(values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
         moved = not isinstance(field, TracedField) or any(key.startswith("receiver.") for key in values)
         case = _field(Altered(point, values), layout, months=months, aim=None if moved else field.mirrors[5])
-        if isinstance(case, TracedField):
-            case = with_aims(case._replace(number=number), field.aims if isinstance(field, TracedField) else {})
-        blocks = _blocks(point.study, len(hours.sun), 0, len(layout))
-        found = _joined([case.energies(hours, start, end) for start, end in blocks])
+        if isinstance(case, TracedField) and isinstance(field, TracedField):
+            case = case._replace(number=number).with_aims(field.aims)
+        found = blocks_of(case, hours.sun, hours, 0, len(layout))
         return found["receiver_energy"].sum(), found["heliostat_loss"].sum(axis=-1)
 
     return budget_values(point.study, energies, actual)
@@ -338,15 +339,6 @@ def _budget(
 def _joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Join the values of several heliostat blocks along the last dimension."""
     return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in (pieces[0] if pieces else ())}
-
-
-def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: int, stop: int) -> dict[str, np.ndarray]:
-    """Return the mount angles at each instant or for one sun direction, or the motion of the mounts over the period."""
-    series, directions = "time" in point.points.region, isinstance(point.study.time, SunDirections)
-    names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
-    over = None if series or directions else hours_of(point.all_instants, point.study.time)
-    towards = efficiency.aimed(*field.mirrors[:6]).aim[first:stop]
-    return dict(zip(names, angles_of(towards, sun, field.mirrors[6], over, series), strict=True))
 
 
 def _field(
@@ -368,18 +360,16 @@ def _field(
     works = Available.at(point, layout)
     if study.optics is None:
         return Field(study, mirrors, (efficiency.sorted_field(*mirrors[:6], tower), mirrors[6]), area, place, works)
-    way = Way(study, point.inputs, layout, values_of([point[key] for key in KEYS]))
-    aim = aims(way, mirrors, point["aim.levels"]) if aim is None else aim
-    mirrors = (*mirrors[:5], aim, mirrors[6])
-    passed, mirror, key = way.transmitted(mirrors, place), way.reflection(), tuple(point.position.values())
+    way = Way.at(study, point.inputs, layout, point.__getitem__)
+    mirrors = (*mirrors[:5], way.aims(mirrors, point["aim.levels"]) if aim is None else aim, mirrors[6])
+    clear, clean = (layout.values(name, way.values[name], 1.0) for name in ("reflectivity", "cleanliness"))
     single = "heliostat" not in point.points.region and math.prod(point.points.sizes.values()) == 1
-    if not single or study.execution.scheduler not in ("threads", "processes"):
-        threads = 1
-    else:  # threads are used only for a single field that is not split by heliostats
-        threads = study.execution.workers or processors()
-    scene = way.scene(mirrors)._replace(tower=tower)
+    # Threads are used only for a single field that is not split by heliostats.
+    alone = single and study.execution.scheduler in ("threads", "processes")
     return TracedField(
-        study, mirrors, way, scene, area, passed, mirror, place, months, key, threads, available=works
+        study, mirrors, way, way.scene(mirrors, tower), area, way.transmitted(mirrors, place), clear * clean, place,
+        months, tuple(point.position.values()), (study.execution.workers or processors()) if alone else 1,
+        available=works,
     )  # fmt: skip
 
 
@@ -396,81 +386,80 @@ def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
-def _geometry(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return the mirror areas [m2] and positions [m, deg] of the heliostats, and the land area of the field [m2]."""
-    study, lands = points.study, dict[tuple[tuple[int, ...], float], float]()
-    area = np.zeros((*points.sizes.values(), points.inputs.layouts.size))
-    distance, elevation, land = np.full(area.shape, np.nan), np.full(area.shape, np.nan), np.zeros(area.shape[:-1])
-    tall = np.zeros(land.shape)
-    for point in points:
-        index, layout, sides = point.index, point.layout, _sides(point, point.layout)
-        area[index][: len(layout)] = mirror_area(*sides, study.heliostat.facets)
-        tall[index] = np.mean(sides[1])
-        rows: Any = slice(len(layout))
-        if study.keep is not None:
-            area[index] *= computed["kept"].to_numpy()[index] == 1
-            rows = np.flatnonzero(area[index])
-            layout = layout.part(rows)
-        if study.output.field_geometry or study.economics is not None:
-            pivots = layout.z + layout.values("pivot_height", point["heliostat.pivot_height"])
-            distance[index][rows] = away = np.hypot(layout.x, layout.y)
-            elevation[index][rows] = np.degrees(np.arctan2(point["receiver.height"] - pivots, away))
-            key = (index if study.keep else (id(layout),)), float(np.hypot(*sides).max() / 2)
-            if key not in lands:
-                lands[key] = land_area(layout.x, layout.y, key[1])
-            land[index] = lands[key]
-    return {
-        "area": area,
-        "tower_distance": distance,
-        "target_elevation": elevation,
-        "field_land_area": land,
-        "mirror_height": tall,
-    }
-
-
 def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
     """Compute area-weighted means and sums over the heliostats, and the size of the field."""
-    study, made = points.study, _geometry(points, computed)
-    area = made.pop("area")
-    means = [name for name in (*EFFICIENCIES, *LIGHT, *DESIGN) if name in computed]
-    made |= {
-        f"field_{name}": weighted_mean(computed[name].to_numpy(), _weights(name, computed, area)) for name in means
-    }
-    made |= {f"field_{name}_error": _field_error(name, computed, area) for name in NOISY if f"{name}_error" in computed}
-    mirrors = area.sum(axis=-1)
-    cosine, shading, blocking = (made[f"field_{name}"] for name in EFFICIENCIES[:3])
-    made[FACTORED] = cosine * shading * blocking
-    made |= {"field_heliostats": (area > 0).sum(axis=-1).astype(float), "field_mirror_area": mirrors}
-    if study.output.field_geometry:
-        made["field_packing_factor"] = mirrors / made["field_land_area"]
-        made["field_mean_radius"] = weighted_mean(made["tower_distance"], area)
+    arrays, study = {str(name): array.to_numpy() for name, array in computed.items()}, points.study
+    each = [_finished(point, {name: array[point.index] for name, array in arrays.items()}) for point in points]
+    made = {name: np.reshape([one[name] for one in each], (*points.sizes.values(), *np.shape(value)))
+            for name, value in each[0].items()}  # fmt: skip
+    made |= {name: arrays[name] for name in ("field_heat",) if name in arrays}
+    if study.economics is not None:
+        made |= costs_of(points, made, made.get("field_heat", made["field_receiver_energy"]))
+    return made | over_years(study, [*points.sizes], made)
+
+
+def _finished(point: Point, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return means, sums and sizes of the field at a point. Heliostats that pad the layout do not affect rounding."""
+    study, layout, sides = point.study, point.layout, _sides(point, point.layout)
+    area, rows = np.zeros(point.points.inputs.layouts.size), np.arange(len(layout))
+    area[rows] = mirror_area(*sides, study.heliostat.facets)
+    if study.keep is not None:
+        area *= values["kept"] == 1
+        rows = np.flatnonzero(area)
+        layout = layout.part(rows)
+    used, mirrors = area > 0, area.sum()
+    made: dict[str, Any] = {"field_heliostats": float(used.sum()), "field_mirror_area": mirrors}
+
+    def total(of: Floats) -> Any:
+        return np.ascontiguousarray(of[..., used]).sum(axis=-1)
+
+    for name in (name for name in (*EFFICIENCIES, *LIGHT, *DESIGN) if name in values):
+        # The weight is the mirror area or, for the intercept efficiency, the light that leaves the mirrors.
+        sent = np.nan_to_num(values[name.replace("intercept", "optical")]) if "intercept" in name else 1.0
+        weight = area * sent
+        there = weight > 0
+        sums = np.sum(values[name][there] * weight[there]), np.sum(weight[there])
+        made[f"field_{name}"] = sums[0] / (sums[1] or np.nan)
+        if (errors := values.get(f"{name}_error")) is not None:  # the rays of different heliostats are independent
+            weight = weight * np.isfinite(errors)
+            made[f"field_{name}_error"] = np.sqrt(total(np.nan_to_num(weight * errors) ** 2)) / (
+                total(weight) or np.nan
+            )
+    made[FACTORED] = math.prod(made[f"field_{name}"] for name in EFFICIENCIES[:3])
+    if study.output.field_geometry or study.economics is not None:
+        pivots, reach = layout.z + layout.values("pivot_height", point["heliostat.pivot_height"]), np.hypot(*sides)
+        distance, elevation = np.full(area.shape, np.nan), np.full(area.shape, np.nan)
+        distance[rows] = away = np.hypot(layout.x, layout.y)
+        elevation[rows] = np.degrees(np.arctan2(point["receiver.height"] - pivots, away))
+        radius = float(reach.max() / 2)
+        key = f"land {point.index if study.keep else id(layout)} {radius}"
+        land = point.points.once(key, partial(land_area, layout.x, layout.y, radius))
+        made |= {"tower_distance": distance, "target_elevation": elevation, "field_land_area": land}
+        made |= {"field_packing_factor": mirrors / land, "mirror_height": np.mean(sides[1])}
+        made["field_mean_radius"] = np.sum(away * area[rows]) / np.sum(area[rows])
     if study.weather is not None:
-        made |= energies_of_field(points.parameters, computed, area)
+        for name, of in (
+            ("field_receiver_energy", "receiver_energy"), ("field_incident_energy", "incident_energy"),
+            ("loss", "heliostat_loss"), ("monthly_receiver_energy", "heliostat_monthly_receiver_energy"),
+        ):  # fmt: skip
+            made[name] = total(values[of])
+            if (errors := values.get(f"{of}_error")) is not None:
+                made[f"{name}_error"] = np.sqrt(total(np.nan_to_num(errors) ** 2))
+        hours, rank = cast(Hours, light_of(point)[1]), np.full(area.shape, np.nan)
+        each = values["receiver_energy"] / np.where(used, area, np.nan)
+        there = np.flatnonzero(used & bool(made["field_receiver_energy"] > 0))
+        rank[there[np.argsort(-each[there], kind="stable")]] = np.arange(1, len(there) + 1)
+        made |= {"energy_per_mirror_area": each, "rank": rank, "hours_used": hours.used, "hours_lost": hours.lost}
+        made["field_energy_per_mirror_area"] = made["field_receiver_energy"] / (mirrors or np.nan)
+        made["monthly_incident_energy"] = mirrors * hours.incident
     if study.design_point is not None:
-        scale = mirrors * study.design_point.dni * 1e-6
         for label in ("", "_error"):
             if (name := f"field_{_design_name(study)}{label}") in made:
-                made[f"design_point_power{label}"] = made[name] * scale
+                made[f"design_point_power{label}"] = made[name] * (mirrors * study.design_point.dni * 1e-6)
         if has_heat(study):
-            made["design_point_heat"] = _design_heat(points, made["design_point_power"])
-    if study.economics is not None:
-        made |= costs_of(points, made, np.asarray(computed.get("field_heat", made.get("field_receiver_energy"))))
-    for name, of in (
-        ("field_receiver_energy", "receiver_energy"), ("loss", "heliostat_loss"),
-        ("monthly_receiver_energy", "heliostat_monthly_receiver_energy"),
-    ):  # fmt: skip
-        if f"{of}_error" in computed:
-            made[f"{name}_error"] = np.sqrt(totals(np.nan_to_num(computed[f"{of}_error"].to_numpy()) ** 2, area))
-    energies = {name: computed[name] for name in ("field_heat",) if name in computed}
-    return made | over_years(study, [*points.sizes], made | energies)
-
-
-def _design_heat(points: Points, power: np.ndarray) -> np.ndarray:
-    heat = np.empty(power.shape)
-    for point in points:
-        values = values_of([point[key] for key in KEYS])
-        heat[point.index] = heat_power(power[point.index], values, points.inputs.files.losses)
-    return heat
+            way = Way.at(study, point.inputs, layout, point.__getitem__)
+            made["design_point_heat"] = heat_power(made["design_point_power"], way.values, point.inputs.losses)
+    return made
 
 
 def _sides(point: Point, layout: Layout) -> tuple[Any, Any]:
@@ -481,23 +470,6 @@ def _sides(point: Point, layout: Layout) -> tuple[Any, Any]:
 def _design_name(study: FieldEfficiencyStudy) -> str:
     """Return the name of the design-point efficiency that determines the power of a field."""
     return DESIGN[-1] if study.optics is not None else DESIGN[len(EFFICIENCIES) - 1]
-
-
-def _weights(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
-    """Return each heliostat's weight in a field mean: mirror area, or reflected light for the intercept efficiency."""
-    if not name.endswith("intercept_efficiency"):
-        return area
-    return area * np.nan_to_num(computed[name.replace("intercept", "optical")].to_numpy())
-
-
-def _field_error(name: str, computed: xr.Dataset, area: np.ndarray) -> np.ndarray:
-    """Return the standard error of a field mean. The rays of different heliostats are independent."""
-    errors = computed[f"{name}_error"].to_numpy()
-    weight = _weights(name, computed, area) * np.isfinite(errors)
-    total = totals(np.nan_to_num(weight * errors) ** 2, area)
-    with np.errstate(invalid="ignore"):
-        error: np.ndarray = np.sqrt(total) / totals(weight, area)
-    return error
 
 
 def _attributes(study: FieldEfficiencyStudy) -> dict[str, str]:
@@ -557,36 +529,28 @@ def best(
 
 
 def select(
-    wanted: Sequence[Any], layout: Layout, field_of: Callable[[Layout], Field | TracedField],
-    aimed: Callable[[Field | TracedField], Field | TracedField], sun: Floats, hours: Hours | None,
-    blocks: Iterable[tuple[int, int]],
+    point: Point, field_of: Callable[[Layout], Field | TracedField], aimed: Callable[[Layout], Field | TracedField],
+    sun: Floats, hours: Hours | None,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
     """Return the layout rows of the kept heliostats at a point of the result, and the ranks of all heliostats.
 
-    `wanted` contains the values of `keep.heliostats`, `keep.field_power`, `keep.by` and `keep.heat_power`. `field_of`
-    returns the field of a layout. If the study has a flux limit, `aimed` returns a field with the aim points that the
-    limit requires. Heliostats are ranked in the full field without a flux limit, with fewer rays than in the result.
-    `blocks` contains the ranges of heliostats that are computed together for the ranking.
+    `field_of` returns the field of a layout, and `aimed` the field with the aim points that a flux limit requires.
+    Heliostats are ranked in the full field without a flux limit, with fewer rays than in the result.
     """
-    number, power, by, heat = wanted
-    whole, pieces = field_of(layout), []
+    number, power, by, heat = (point[key] for key in _KEEP)
+    whole, study, layout = field_of(point.layout), point.study, point.layout
     if isinstance(whole, TracedField):
         whole = whole._replace(coarse=8.0)
-    for start, stop in blocks:
-        if by in DESIGN:
-            pieces.append(whole.design(start, stop))
-        else:
-            pieces.append(whole.means(sun, start, stop) if hours is None else whole.energies(hours, start, stop))
-    ranks = _joined(pieces)
+    ranks = _design(whole, 0, len(layout)) if by in DESIGN else blocks_of(whole, sun, hours, 0, len(layout))
     if by == "energy_per_mirror_area":
         ranks[by] = ranks["receiver_energy"] / whole.area
 
     def power_of(rows: NDArray[np.int64]) -> float:
-        field = aimed(field_of(layout.part(rows)))
-        values = field.design(0, field.area.size)[_design_name(field.study)]
-        found = float(np.sum(values * field.area)) * field.study.design_point.dni * 1e-6
+        field = aimed(layout.part(rows))
+        values = _design(field, 0, field.area.size)[_design_name(study)]
+        found = float(np.sum(values * field.area)) * study.design_point.dni * 1e-6
         if heat is None or not isinstance(field, TracedField):
             return found
-        return float(heat_power(found, field.way.values, field.way.inputs.losses))
+        return float(heat_power(found, field.way.values, point.inputs.losses))
 
     return best(ranks[by], number, power if heat is None else heat, power_of)

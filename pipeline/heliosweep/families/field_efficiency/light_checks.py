@@ -4,39 +4,37 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from heliosweep.aiming import SLACK, aim_grid, off_receiver
 from heliosweep.config import SolarTime, SunDirections, Sweep, ends, few_of, read_profile
-from heliosweep.errors import Problem
-from heliosweep.families.field_efficiency.light_files import (
-    SlopeMap,
-    facet_side,
-    read_calibration,
-    read_slopes,
-)
-from heliosweep.families.field_efficiency.traced import usual_rays
+from heliosweep.errors import Problem, listed
+from heliosweep.families.field_efficiency.flux import COLUMNS
+from heliosweep.families.field_efficiency.light_files import read_calibration, read_slopes
+from heliosweep.families.field_efficiency.optics import KEYS
+from heliosweep.families.field_efficiency.traced import Geometry, Inputs, Way, usual_rays
 from heliosweep.grid.sun import instant_count
 from heliosweep.kernels.device import device_problem
-from heliosweep.kernels.rays import MOST_RAYS, RAYS_PER_SECOND
-from heliosweep.layouts.resolve import longest
+from heliosweep.kernels.rays import MOST_RAYS, RAYS_PER_SECOND, rectangle
+from heliosweep.layouts.layout import MAX_LISTED, Layout
+from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts, longest
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
-    from heliosweep.layouts.layout import Layout
 
 #: Names of the polynomial attenuation models, and maximum slant range of these models [m].
 POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
 
 
-def light_faults(
-    study: FieldEfficiencyStudy, points: Iterable[tuple[Layout, Mapping[str, Any]]]
-) -> Iterator[Problem | str]:
-    """Yield problems and warnings about a study with `optics`. `points` yields each layout with its key values."""
+def light_faults(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
+    """Check that light reaches the receiver, and that the optics agree with the input files and the mirrors."""
     warned: set[str] = set()
-    for layout, values in points:
+    if study.optics is None:
+        return
+    for layout, values in Layouts(study).some({"heliostat.pivot_height": min, "receiver.height": max}):
         for found in (*_receiver(study, layout, values), *_errors(study, layout), *mapped(study, layout)):
             if isinstance(found, Problem):
                 yield found
@@ -93,16 +91,14 @@ def _receiver(study: Any, layout: Layout, values: Mapping[str, Any]) -> Iterator
     if face["width"] is None or any(isinstance(value, Sweep) for value in face.values()):
         return
     azimuth, tilt = (np.radians(face[key] or 0.0) for key in ("azimuth", "tilt"))
-    across = -np.cos(azimuth) * layout.x + np.sin(azimuth) * layout.y
-    out, up = np.sin(azimuth) * layout.x + np.cos(azimuth) * layout.y, -down
-    before, along = np.cos(tilt) * out + np.sin(tilt) * up, np.cos(tilt) * up - np.sin(tilt) * out
-    largest = (None if side is None else max(ends(side)) for side in (study.heliostat.width, study.heliostat.height))
-    sides = (layout.values(name, side).max() for name, side in zip(("width", "height"), largest, strict=True))
-    reach = np.hypot(*sides) / 2
-    beside = [
-        np.maximum(0.0, np.abs(at) - most / 2)
-        for at, most in ((across, face["width"]), (along, max(ends(receiver.height_extent))))
-    ]
+    made = rectangle((0.0, 0.0, 0.0), azimuth, tilt, face["width"], max(ends(receiver.height_extent)))
+    off = np.stack((layout.x, layout.y, -down), axis=1)
+    before = off @ np.cross(made.across, made.upward)
+    largest = {name: None if (side := getattr(study.heliostat, name)) is None else max(ends(side))
+               for name in SIZE_COLUMNS}  # fmt: skip
+    reach = np.hypot(*(layout.values(name, side).max() for name, side in largest.items())) / 2
+    axes = (made.across, made.half_width), (made.upward, made.half_height)
+    beside = [np.maximum(0.0, np.abs(off @ axis) - half) for axis, half in axes]
     if (among := np.flatnonzero(np.hypot(np.hypot(*beside), before) <= reach)).size:
         message = (
             f"is among the mirrors: {among.size:,} are in its face, first {layout.where(among[0])} of {layout.name}"
@@ -162,13 +158,16 @@ def _files(study: Any) -> Iterator[Problem | str]:
             message = "needs mirrors of one size: give heliostat.width and height in the study, not in the layout"
             yield study.problem("optics.slope_map", message)
             return
+        facets = study.heliostat.facets
         for width, height in itertools.product(*sides):
-            if not _fits(study, found, width, height):
+            if not found.fits(width, height) and (facets is None or not found.fits(
+                (width + facets.gap) / facets.columns - facets.gap, (height + facets.gap) / facets.rows - facets.gap
+            )):  # fmt: skip
                 span = (f"{at[0]:g} to {at[-1]:g} m" for at in (found.x, found.y))
                 message = (
                     f"{name}: positions along x and y, from {' and '.join(span)}, do not fit a mirror of {width:g} m x "
                 )
-                facet = "" if study.heliostat.facets is None else " or its facets"
+                facet = "" if facets is None else " or its facets"
                 yield study.problem("optics.slope_map", f"{message}{height:g} m{facet}")
                 return
 
@@ -199,9 +198,63 @@ def mapped(study: Any, layout: Layout) -> Iterator[Problem | str]:
                 yield f"{of_map:,} heliostats have a map of {name}, {others:,} have the slope error of the study"
 
 
-def _fits(study: FieldEfficiencyStudy, found: SlopeMap, width: float, height: float) -> bool:
-    facets = study.heliostat.facets
-    if facets is None:
-        return found.fits(width, height)
-    sizes = ((width, facets.columns), (height, facets.rows))
-    return found.fits(width, height) or found.fits(*(facet_side(side, n, facets.gap) for side, n in sizes))
+def aim_faults(study: Any) -> Iterator[Problem | str]:
+    """Check that aim points and levels fit on the receiver, up to the first point with a problem or a warning."""
+    if study.aim is None or study.aim.strategy == "centre":
+        return
+    keys, inputs = (*KEYS, "heliostat.pivot_height", *(f"heliostat.{side}" for side in SIZE_COLUMNS)), Inputs(study)
+    extremes: list[dict[str, Callable[..., float]]] = [dict.fromkeys(keys, end) for end in (min, max)]
+    if study.aim.strategy == "spread":  # the levels must fit on the receiver for at least one heliostat
+        extremes = [extremes[0] | {"receiver.height_extent": max}]
+    for layout, values in (point for extreme in extremes for point in Layouts(study).some(extreme)):
+        pivot, width, height = (
+            layout.values(name, values.get(f"heliostat.{name}")) for name in ("pivot_height", *SIZE_COLUMNS)
+        )
+        if not np.isfinite(pivot + width + height).all():
+            return
+        mirrors = (layout.x, layout.y, layout.z + pivot, width / 2, height / 2, None, 0)
+        if found := list(_aims_of(Way.at(study, inputs, layout, values.get), mirrors)):
+            yield from found
+            return
+
+
+def _aims_of(way: Way, mirrors: Geometry) -> Iterator[Problem | str]:
+    study, layout, receiver, aim = way.study, way.layout, way.receiver, way.study.aim
+    centre = np.stack(mirrors[:3], axis=1)
+    if aim.strategy == "layout":
+        if all(key in layout.columns and layout.columns[key].dtype.kind in "if" for key in COLUMNS):
+            yield from _off(way, centre)
+        else:
+            message = f"needs columns {', '.join(COLUMNS)} of numbers in the layout {layout.name}, in m"
+            yield study.problem("aim.strategy", message)
+    elif aim.strategy == "flux_limit":
+        points = aim_grid(receiver, centre, aim.rows, aim.columns, np.radians(aim.azimuth_span))
+        if (unseen := np.flatnonzero((off_receiver(receiver, centre, points) > SLACK).any(axis=0))).size:
+            if study.receiver.kind == "cylinder":
+                message = f"{layout.where(unseen[0])} of {layout.name} does not see the outer aim points; reduce it"
+                yield study.problem("aim.azimuth_span", message)
+            else:
+                yield f"heliostats behind the receiver's face are stowed: {unseen.size:,} of {len(layout):,}"
+    elif without := int(np.sum(way.room((*mirrors[:5], way.aims(mirrors, 1), 0)) <= 0)):
+        if without == len(layout) and aim.levels != 1:
+            message = "leaves no space for levels: the spots of all heliostats are at least as high as the receiver"
+            yield study.problem("aim.levels" if aim.levels is not None else "aim", message)
+        else:
+            spots = f"the spots of {without:,} of {len(layout):,} heliostats"
+            yield f"{spots} are at least as high as the receiver: these heliostats aim at its middle"
+
+
+def _off(way: Way, centre: Any) -> Iterator[Problem]:
+    """Yield a problem for each aim point that is off the receiver, or on a side that faces away from the heliostat."""
+    layout, points = way.layout, way.aims((*centre.T,), None)
+    away = off_receiver(way.receiver, centre, points)
+    bad = np.flatnonzero(~(away <= SLACK))
+
+    def problem(row: int) -> Problem:
+        far = "nowhere" if np.isnan(away[row]) else f"{away[row]:.4g} m off the receiver"
+        what = "on a side of the receiver that faces away from it" if np.isinf(away[row]) else far
+        place = ", ".join(f"{key} {value:.6g}" for key, value in zip(COLUMNS, points[row], strict=True))
+        line = None if layout.lines is None else int(layout.lines[row])
+        return Problem(f"heliostat {row} aims {what}: {place}", file=layout.name, line=line)
+
+    yield from listed(map(problem, bad.tolist()), MAX_LISTED, len(bad), "more problems of this kind")

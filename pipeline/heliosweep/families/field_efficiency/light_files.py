@@ -69,11 +69,6 @@ class SlopeMap(NamedTuple):
         )
 
 
-def facet_side(side: float, count: int, gap: float) -> float:
-    """Return the width or height of a facet, from the mirror side and the number of facets along this side. [m]"""
-    return (side + gap) / count - gap
-
-
 @read_once(4)
 def read_slopes(path: Path, name: str) -> SlopeMap:
     """Read slopes from a CSV table, a NetCDF file, or a PAINT or SOFAST HDF5 file. Raises StudyError."""

@@ -40,13 +40,12 @@ from heliosweep.families.field_efficiency.flux import (
     DIMS,
     Aim,
     FluxMap,
-    aim_problems,
     has_instant,
     is_limited,
     limit_rules,
 )
 from heliosweep.families.field_efficiency.heat import Economics, check_losses, has_heat, heat_rules
-from heliosweep.families.field_efficiency.light_checks import light_faults
+from heliosweep.families.field_efficiency.light_checks import aim_faults, light_faults
 from heliosweep.families.field_efficiency.losses import (
     Availability,
     FieldSite,
@@ -55,7 +54,7 @@ from heliosweep.families.field_efficiency.losses import (
     check_availability,
     check_tower,
 )
-from heliosweep.families.field_efficiency.optics import KEYS, NAMES, Heliostat, Optics, Receiver
+from heliosweep.families.field_efficiency.optics import NAMES, Heliostat, Optics, Receiver
 from heliosweep.families.field_efficiency.variables import NAMES as VARIABLE_NAMES
 from heliosweep.grid import check_weather, dark_places, instant_count, weather_faults
 from heliosweep.kernels.sun import declination_cooper, solar_clock
@@ -301,8 +300,8 @@ class FieldEfficiencyStudy(Study):
     def examinations(self) -> Iterable[Callable[[FieldEfficiencyStudy], Iterable[Problem | str]]]:
         """Return the functions that check relations between study blocks, the layout and the sun."""
         return (
-            _sun, site_notes, _columns, _mirrors, _tower, check_tower, _light, check_weather, check_availability,
-            budget_problems,
+            _sun, site_notes, _columns, _mirrors, _tower, check_tower, light_faults, check_losses, aim_faults,
+            check_weather, check_availability, budget_problems,
         )  # fmt: skip
 
 
@@ -387,28 +386,6 @@ def _tower(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         if most > least:
             message = f"must be at most the number of heliostats of the layout, {least:,}: generate more (got {most:g})"
             yield study.problem("keep.heliostats", message)
-
-
-def _light(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that light reaches the receiver, and that the aim points and aim levels fit on the receiver."""
-    if study.optics is None:
-        return
-    yield from light_faults(study, Layouts(study).some({"heliostat.pivot_height": min, "receiver.height": max}))
-    yield from check_losses(study)
-    if study.aim is None or study.aim.strategy == "centre":
-        return
-    keys = (*KEYS, "heliostat.pivot_height", *(f"heliostat.{side}" for side in SIZE_COLUMNS))
-    extremes: list[dict[str, Callable[..., float]]] = [dict.fromkeys(keys, end) for end in (min, max)]
-    if study.aim.strategy == "spread":  # the levels must fit on the receiver for at least one heliostat
-        extremes = [extremes[0] | {"receiver.height_extent": max}]
-    points = [point for extreme in extremes for point in Layouts(study).some(extreme)]
-    for layout, values in points:
-        for name in ("pivot_height", *SIZE_COLUMNS):
-            if f"heliostat.{name}" not in values:
-                if name not in layout.columns:
-                    return
-                values[f"heliostat.{name}"] = layout.values(name)
-    yield from aim_problems(study, points)
 
 
 def _in_study(study: FieldEfficiencyStudy, layout: Layout, found: list[Problem]) -> list[Problem]:

@@ -28,21 +28,21 @@ from numpy.typing import NDArray
 
 from heliosweep.config import CivilTime
 from heliosweep.energy import MEGA, energy_losses, monthly_sums
-from heliosweep.families.field_efficiency.losses import Available, causes, hidden, horizon_of
+from heliosweep.families.field_efficiency.losses import Available
 from heliosweep.families.field_efficiency.variables import (
-    DESIGN,
     EFFICIENCIES,
     MONTHS,
     PRODUCT,
     SERIES,
 )
-from heliosweep.grid import LIMITS, PLACE, Instants, Parameters, Suns, Weathers, used
+from heliosweep.grid import CAUSES, Instants, used
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field import efficiency
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION
 
 if TYPE_CHECKING:
-    from heliosweep.families.field_efficiency.chain import Geometry
+    from heliosweep.families.field_efficiency.traced import Geometry
+    from heliosweep.grid.weather import Irradiance
 
 
 #: Sun direction below the horizon, used for instants at which the field does not operate.
@@ -70,70 +70,30 @@ class Hours(NamedTuple):
     used: float
     lost: Floats
 
+    @classmethod
+    def of(cls, sun: Floats, air: Irradiance, limits: Sequence[float | None], below: NDArray[np.bool_] | None) -> Hours:
+        """Return the irradiation for sun vectors, limits as in `LIMITS`, and, with a horizon, the instants below it."""
+        works, cause = used(air, sun, limits)
+        if below is not None:
+            works, cause = works & ~below, np.where(below, len(CAUSES), cause)
+        dni = np.where(sun[:, 2] > 0, air.dni, 0.0)
+        energy, month, out, causes = (
+            dni * air.hours * MEGA,
+            air.month - 1,
+            cause >= 0,
+            len(CAUSES) + (below is not None),
+        )
+        stowed, behind = (~works, None) if below is None else (~works & ~below, float(energy[below].sum()))
+        lost = monthly_sums(air.hours[out], cause[out], causes)
+        there, hours = np.where(works[:, np.newaxis], sun, DOWN), float(air.hours[works].sum())
+        dni[np.isnan(sun[:, 2])] = np.nan  # padded instants of a site with fewer instants than other sites
+        return cls(there, dni, np.where(works, energy, 0.0), month, monthly_sums(energy, month, MONTHS),
+                   float(energy[stowed].sum()), behind, hours, lost)  # fmt: skip
+
     @property
     def length(self) -> Floats:
         """Lengths of the intervals; 0 if the field does not operate. [h]"""
         return np.divide(self.weight, self.dni * MEGA, out=np.zeros_like(self.weight), where=self.weight > 0.0)
-
-
-class Days:
-    """Sun and irradiance at the points of a region, with an interface like `grid.sun.Suns`."""
-
-    def __init__(self, parameters: Parameters, suns: Suns) -> None:
-        self._suns, self._weathers, self._horizon = suns, Weathers(parameters), horizon_of(parameters.study)
-        self.causes = len(causes(parameters.study))
-
-    def at(self, index: tuple[int, ...], place: Sequence[float | None], limits: Sequence[float | None]) -> Hours:
-        """Return the irradiation at a point of the result, from its index and the values of `PLACE` and `LIMITS`."""
-        sun, air = self._suns.at(index, place), self._weathers.at(index, place)
-        works, cause = used(air, sun, limits)
-        below = hidden(sun, self._horizon)
-        works, cause = works & ~below, np.where(below, self.causes - 1, cause)
-        dni = np.where(sun[:, 2] > 0, air.dni, 0.0)
-        energy, month = dni * air.hours * MEGA, air.month - 1
-        incident = monthly_sums(energy, month, MONTHS)
-        lost = monthly_sums(air.hours[cause >= 0], cause[cause >= 0], self.causes)
-        there, hours = np.where(works[:, np.newaxis], sun, DOWN), float(air.hours[works].sum())
-        weight, stowed = np.where(works, energy, 0.0), float(energy[~works & ~below].sum())
-        behind = None if self._horizon is None else float(energy[below].sum())
-        dni[np.isnan(sun[:, 2])] = np.nan  # padded instants of a site with fewer instants than other sites
-        return Hours(there, dni, weight, month, incident, stowed, behind, hours, lost)
-
-
-def totals(values: Floats, area: Floats) -> Floats:
-    """Return the sums over the heliostats (last dimension). Padding (area 0) does not affect rounding.
-
-    Other dimensions, such as months, are kept.
-    """
-    inner = values.shape[area.ndim - 1 : -1]
-    found = np.zeros((*area.shape[:-1], *inner))
-    for index in np.ndindex(area.shape[:-1]):
-        found[index] = np.ascontiguousarray(values[index][..., area[index] > 0]).sum(axis=-1)
-    return found
-
-
-def energies_of_field(parameters: Parameters, computed: Any, area: Floats) -> dict[str, Floats]:
-    """Return the energies of complete fields and the ranks of their heliostats."""
-    made: dict[str, Any] = {
-        f"field_{name}_energy": totals(computed[f"{name}_energy"].to_numpy(), area) for name in ("receiver", "incident")
-    }
-    made["monthly_receiver_energy"] = totals(computed["heliostat_monthly_receiver_energy"].to_numpy(), area)
-    made["loss"] = totals(computed["heliostat_loss"].to_numpy(), area)
-    mirrors = area.sum(axis=-1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        each = np.where(area > 0, computed["receiver_energy"].to_numpy() / area, np.nan)
-        made["field_energy_per_mirror_area"] = made["field_receiver_energy"] / mirrors
-    rank = np.full(area.shape, np.nan)
-    shape, days = area.shape[:-1], Days(parameters, Suns(parameters))
-    made |= {"energy_per_mirror_area": each, "rank": rank, "hours_used": np.zeros(shape)}
-    made |= {"monthly_incident_energy": np.zeros((*shape, MONTHS)), "hours_lost": np.zeros((*shape, days.causes))}
-    for index, given in parameters.points(*PLACE, *LIMITS):
-        there = np.flatnonzero((area[index] > 0) & bool(made["field_receiver_energy"][index] > 0))
-        rank[index][there[np.argsort(-each[index][there], kind="stable")]] = np.arange(1, len(there) + 1)
-        hours = days.at(index, given[: len(PLACE)], given[len(PLACE) :])
-        made["monthly_incident_energy"][index] = mirrors[index] * hours.incident
-        made["hours_used"][index], made["hours_lost"][index] = hours.used, hours.lost
-    return made
 
 
 Values = dict[str, Floats]
@@ -159,7 +119,7 @@ class Field(NamedTuple):
     #: Availability of the heliostats; None if they always operate.
     available: Available | None = None
 
-    def means(self, sun: Floats, start: int, stop: int) -> Values:
+    def means(self, sun: Floats, start: int, stop: int, point: object = None) -> Values:
         """Return means over the instants with the sun up, with equal weights."""
         sums, count = efficiency.field_sums(*self.sorted, sun, start, stop)
         means = (sums / count if count else np.full_like(sums, np.nan)).T
@@ -183,11 +143,6 @@ class Field(NamedTuple):
         """Return the values at the instants of `part`, including power if `hours` is given. [1, kW]"""
         values = efficiency.field_series(*self.sorted, sun[part], start, stop)
         return dict(zip(SERIES, values, strict=True)) | powers(values[-1], hours, part, self.area[start:stop])
-
-    def design(self, start: int, stop: int) -> Values:
-        """Return values at the design point. [1]"""
-        values = efficiency.field_series(*self.sorted, self.study.design_point.sun(self.place[0]), start, stop)
-        return dict(zip(DESIGN, values[:, 0], strict=False))
 
 
 def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthly: Floats) -> Values:
@@ -235,14 +190,6 @@ def means_of_field(pieces: Sequence[Values], areas: Sequence[Floats]) -> Values:
         total = sum(np.ascontiguousarray(each).sum(axis=-1) for each in weighted)
         found["field_power" if power else f"field_{name}"] = 1e-3 * total if power else total / whole
     return found
-
-
-def at_instants(sun: Floats, hours: Hours | None, part: slice) -> Values:
-    """Return the sun direction [deg] (NaN if the sun is down) and irradiance [W m-2] at the instants of `part`."""
-    x, y, z = np.where(sun[:, 2:] > 0, sun, np.nan).T
-    elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))
-    found = {"sun_azimuth": np.degrees(np.arctan2(x, y)) % 360.0, "sun_elevation": elevation}
-    return found if hours is None else {**found, "dni": hours.dni[part]}
 
 
 def land_area(x: Floats, y: Floats, radius: float) -> float:
