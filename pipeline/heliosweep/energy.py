@@ -246,7 +246,11 @@ def availability(
     turn = np.timedelta64(0, "s")
     if yearly:
         whole, turn = last - first >= np.timedelta64(365, "D"), np.timedelta64(366, "D")
-        times, first, last = map(_in_leap_year, (times, first, last))
+        months = (each.astype("datetime64[M]") for each in (times, first, last))
+        times, first, last = (  # in the leap year 2000
+            (np.datetime64("2000-01") + month.astype(np.int64) % 12).astype("datetime64[s]") + (each - month)
+            for each, month in zip((times, first, last), months, strict=True)
+        )
         last = np.where(whole, first + turn, np.where(last < first, last + turn, last))
     order = np.argsort(first)
     if (first[order][1:] < last[order][:-1]).any() or (yearly and len(first) and last.max() - turn > first.min()):
@@ -257,12 +261,6 @@ def availability(
         low, high = ((times[:, np.newaxis] - each + back).astype(np.float64) for each in (last, first))
         out += np.maximum(np.minimum(-low, seconds[:, np.newaxis]) - np.maximum(-high, 0.0), 0.0).sum(axis=1)
     return 1.0 - out / np.where(seconds > 0.0, seconds, 1.0)
-
-
-def _in_leap_year(times: Any) -> Any:
-    """Return times with their year replaced by 2000."""
-    months = times.astype("datetime64[M]")
-    return (np.datetime64("2000-01") + months.astype(np.int64) % 12).astype("datetime64[s]") + (times - months)
 
 
 def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "weather") -> Any:

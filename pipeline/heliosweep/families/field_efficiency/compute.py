@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.aiming import VARIABLES, choose_aims
-from heliosweep.config import SunDirections
+from heliosweep.config import CivilTime, SunDirections
 from heliosweep.economics import ITEMS
 from heliosweep.families.family import Computation
 from heliosweep.families.field_efficiency.flux import flux_labels, images, is_limited, varies
@@ -46,7 +46,6 @@ from heliosweep.families.field_efficiency.values import (
     Field,
     Hours,
     angles_of,
-    hours_of,
     land_area,
     means_of_field,
 )
@@ -206,14 +205,13 @@ def _values(point: Point, series: bool, sums: np.ndarray | None = None) -> dict[
 
     If `series` is True, the values are time series. If `sums` is given, no rays are traced.
     """
-    study, layout, output, span = point.study, point.layout, point.study.output, point.part("heliostat")
-    first, stop = span.start or 0, len(layout) if span.stop is None else min(span.stop, len(layout))
+    study, layout = point.study, point.layout
+    first, stop, _ = point.part("heliostat").indices(len(layout))
     if first >= len(layout):
         return {}
-    there, hours, months = light_of(point)
-    part = point.part("time") if _complete(study) else slice(None)
-    sun, now, field_of = there if hours is None else hours.sun, there[part], partial(_field, point, months=months)
-    made: dict[str, np.ndarray] = {}
+    sun, hours, months = light_of(point)
+    part, made = point.part("time") if _complete(study) else slice(None), dict[str, np.ndarray]()
+    field_of = partial(_field, point, months=months)
 
     def aimed(layout: Layout) -> Field | TracedField:
         field = field_of(layout)
@@ -225,52 +223,77 @@ def _values(point: Point, series: bool, sums: np.ndarray | None = None) -> dict[
         made |= {"kept": np.isin(np.arange(len(layout)), rows) * 1.0, "selection_rank": rank * 1.0}
         layout, stop = layout.part(rows), len(rows)
     field = aimed(layout)
-    if isinstance(field, TracedField) and not series:
-        needed = is_series_traced(study) or (has_heat(study) and hours is not None)
-        field = field._replace(light={"sums": 0.0} if needed else {})
-    found, of_field = dict[str, np.ndarray](), dict[str, Any]()
-    if not series:
-        found = blocks_of(field, sun, hours, first, stop)
-        found |= {} if study.design_point is None else _design(field, first, stop)
-        if isinstance(field, TracedField):
-            of_field = (field.light or {}) | field.maps()
-            if has_heat(study) and hours is not None:
-                of_field |= heat_of_year(field.received(hours), field.way.values, point.inputs.losses, hours, found)
-    elif isinstance(field, TracedField):
-        found = field.series(sun, part, hours, first, stop, sums)
-        if hours is not None and has_heat(study):
-            found["field_heat_power"] = heat_power(found["field_power"], field.way.values, point.inputs.losses)
-        of_field = {name: found.pop(name) for name in list(found) if name.startswith("field_")}
-    else:
-        blocks = list(_blocks(study, len(sun), first, stop))
-        pieces = [field.series(sun, part, hours, start, end) for start, end in blocks]
-        found, of_field = _joined(pieces), means_of_field(pieces, [field.area[start:end] for start, end in blocks])
     if series:
-        x, y, z = np.where(now[:, 2:] > 0, now, np.nan).T
-        made |= {"sun_azimuth": np.degrees(np.arctan2(x, y)) % 360.0} | (
-            {} if hours is None else {"dni": hours.dni[part]}
-        )
-        made["sun_elevation"] = np.degrees(np.arctan2(z, np.hypot(x, y)))
-    elif study.budget is not None and hours is not None:
+        found, of_field = _series_of(point, field, sun, part, hours, first, stop, sums)
+    else:
+        found, of_field = _sums_of(point, field, sun, hours, first, stop)
+    if study.budget is not None and hours is not None and not series:
         made |= _budget(point, layout, field, hours, months, float(found["receiver_energy"].sum()))
-    if output.tracking_angles:
-        directions = isinstance(study.time, SunDirections)
-        names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
-        over = None if series or directions else hours_of(point.all_instants, study.time)
-        towards = efficiency.aimed(*field.mirrors[:6]).aim[first:stop]
-        found |= dict(zip(names, angles_of(towards, now, field.mirrors[6], over, series), strict=True))
-    if isinstance(field, TracedField) and series == varies(study):
+    if study.output.tracking_angles:
+        found |= _angles(point, field, sun[part], first, stop)
+    if series == varies(study):
         for name, values in field.aims.items():
-            (found if "heliostat" in VARIABLES[name][0] else made)[name] = values[part] if series else values[0]
-    if study.keep is not None:  # the kept heliostats get their rows in the whole layout
-        kept, some = made["kept"] > 0, found
-        found = {name: np.full((*values.shape[:-1], kept.size), np.nan) for name, values in some.items()}
-        for name, values in some.items():
-            found[name][..., kept] = values
-    if output.outlines and not series:
-        shapes = efficiency.mirror_outlines(*field.mirrors, now[0], first, stop, output.outlines)
-        made |= zip(OUTLINES, (*np.moveaxis(shapes.corners, -1, 0), *shapes[1:]), strict=True)
+            (found if "heliostat" in VARIABLES[name][0] else made)[name] = values[part if series else 0]
+    if study.keep is not None:
+        found = {name: _spread(values, made["kept"] > 0) for name, values in found.items()}
     return made | found | of_field
+
+
+def _spread(values: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Expand values of the kept heliostats to all heliostats (last dimension), with NaN for the omitted heliostats."""
+    whole = np.full((*values.shape[:-1], kept.size), np.nan)
+    whole[..., kept] = values
+    return whole
+
+
+def _sums_of(
+    point: Point, field: Field | TracedField, sun: np.ndarray, hours: Hours | None, first: int, stop: int
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return means, energies and design-point values of heliostats `first` to `stop` - 1, and sums over the field."""
+    study, heat, of_field = point.study, has_heat(point.study) and hours is not None, dict[str, Any]()
+    if isinstance(field, TracedField):
+        of_field = {"sums": 0.0} if heat or is_series_traced(study) else {}
+        field = field._replace(light=of_field)
+    found = blocks_of(field, sun, hours, first, stop)
+    found |= {} if study.design_point is None else _design(field, first, stop)
+    if isinstance(field, TracedField):
+        of_field |= field.maps()
+        if heat and hours is not None:
+            of_field |= heat_of_year(field.received(hours), field.way.values, point.inputs.losses, hours, found)
+    if study.output.outlines:
+        shapes = efficiency.mirror_outlines(*field.mirrors, sun[0], first, stop, study.output.outlines)
+        of_field |= zip(OUTLINES, (*np.moveaxis(shapes.corners, -1, 0), *shapes[1:]), strict=True)
+    return found, of_field
+
+
+def _series_of(
+    point: Point, field: Field | TracedField, sun: np.ndarray, part: slice, hours: Hours | None, first: int, stop: int,
+    sums: np.ndarray | None,
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:  # fmt: skip
+    """Return the values of heliostats `first` to `stop` - 1, of the field and of the sun at the instants of `part`."""
+    x, y, z = np.where(sun[part, 2:] > 0, sun[part], np.nan).T
+    of_field = {"sun_azimuth": np.degrees(np.arctan2(x, y)) % 360.0,
+                "sun_elevation": np.degrees(np.arctan2(z, np.hypot(x, y)))}  # fmt: skip
+    sun = sun if hours is None else hours.sun
+    of_field |= {} if hours is None else {"dni": hours.dni[part]}
+    if isinstance(field, TracedField):
+        found = field.series(sun, part, hours, first, stop, sums)
+        if hours is not None and has_heat(point.study):
+            found["field_heat_power"] = heat_power(found["field_power"], field.way.values, point.inputs.losses)
+        return found, of_field | {name: found.pop(name) for name in list(found) if name.startswith("field_")}
+    blocks = list(_blocks(point.study, len(sun), first, stop))
+    pieces = [field.series(sun, part, hours, start, end) for start, end in blocks]
+    return _joined(pieces), of_field | means_of_field(pieces, [field.area[start:end] for start, end in blocks])
+
+
+def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: int, stop: int) -> dict[str, np.ndarray]:
+    """Return the mount angles at each instant or for one sun direction, or the motion of the mounts over the period."""
+    series, directions = "time" in point.points.region, isinstance(point.study.time, SunDirections)
+    names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
+    over = None if series or directions else point.all_instants
+    towards = efficiency.aimed(*field.mirrors[:6]).aim[first:stop]
+    angles = angles_of(towards, sun, field.mirrors[6], over, series, point.study.time)
+    return dict(zip(names, angles, strict=True))
 
 
 def light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
@@ -413,45 +436,21 @@ def _finished(point: Point, values: Mapping[str, Any]) -> dict[str, Any]:
     def total(of: Floats) -> Any:
         return np.ascontiguousarray(of[..., used]).sum(axis=-1)
 
-    for name in (name for name in (*EFFICIENCIES, *LIGHT, *DESIGN) if name in values):
-        # The weight is the mirror area or, for the intercept efficiency, the light that leaves the mirrors.
-        sent = np.nan_to_num(values[name.replace("intercept", "optical")]) if "intercept" in name else 1.0
-        weight = area * sent
-        there = weight > 0
-        sums = np.sum(values[name][there] * weight[there]), np.sum(weight[there])
-        made[f"field_{name}"] = sums[0] / (sums[1] or np.nan)
-        if (errors := values.get(f"{name}_error")) is not None:  # the rays of different heliostats are independent
-            weight = weight * np.isfinite(errors)
-            made[f"field_{name}_error"] = np.sqrt(total(np.nan_to_num(weight * errors) ** 2)) / (
-                total(weight) or np.nan
-            )
+    for name in (*EFFICIENCIES, *LIGHT, *DESIGN):
+        if name in values:
+            # The weight is the mirror area or, for the intercept efficiency, the light that leaves the mirrors.
+            sent = np.nan_to_num(values[name.replace("intercept", "optical")]) if "intercept" in name else 1.0
+            weight = area * sent
+            made[f"field_{name}"] = _mean(values[name], weight)
+            if (errors := values.get(f"{name}_error")) is not None:  # the rays of heliostats are independent
+                weight = weight * np.isfinite(errors)
+                square = total(np.nan_to_num(weight * errors) ** 2)
+                made[f"field_{name}_error"] = np.sqrt(square) / (total(weight) or np.nan)
     made[FACTORED] = math.prod(made[f"field_{name}"] for name in EFFICIENCIES[:3])
     if study.output.field_geometry or study.economics is not None:
-        pivots, reach = layout.z + layout.values("pivot_height", point["heliostat.pivot_height"]), np.hypot(*sides)
-        distance, elevation = np.full(area.shape, np.nan), np.full(area.shape, np.nan)
-        distance[rows] = away = np.hypot(layout.x, layout.y)
-        elevation[rows] = np.degrees(np.arctan2(point["receiver.height"] - pivots, away))
-        radius = float(reach.max() / 2)
-        key = f"land {point.index if study.keep else id(layout)} {radius}"
-        land = point.points.once(key, partial(land_area, layout.x, layout.y, radius))
-        made |= {"tower_distance": distance, "target_elevation": elevation, "field_land_area": land}
-        made |= {"field_packing_factor": mirrors / land, "mirror_height": np.mean(sides[1])}
-        made["field_mean_radius"] = np.sum(away * area[rows]) / np.sum(area[rows])
+        made |= _sizes(point, layout, area, rows) | {"mirror_height": np.mean(sides[1])}
     if study.weather is not None:
-        for name, of in (
-            ("field_receiver_energy", "receiver_energy"), ("field_incident_energy", "incident_energy"),
-            ("loss", "heliostat_loss"), ("monthly_receiver_energy", "heliostat_monthly_receiver_energy"),
-        ):  # fmt: skip
-            made[name] = total(values[of])
-            if (errors := values.get(f"{of}_error")) is not None:
-                made[f"{name}_error"] = np.sqrt(total(np.nan_to_num(errors) ** 2))
-        hours, rank = cast(Hours, light_of(point)[1]), np.full(area.shape, np.nan)
-        each = values["receiver_energy"] / np.where(used, area, np.nan)
-        there = np.flatnonzero(used & bool(made["field_receiver_energy"] > 0))
-        rank[there[np.argsort(-each[there], kind="stable")]] = np.arange(1, len(there) + 1)
-        made |= {"energy_per_mirror_area": each, "rank": rank, "hours_used": hours.used, "hours_lost": hours.lost}
-        made["field_energy_per_mirror_area"] = made["field_receiver_energy"] / (mirrors or np.nan)
-        made["monthly_incident_energy"] = mirrors * hours.incident
+        made |= _energies(point, values, area, total)
     if study.design_point is not None:
         for label in ("", "_error"):
             if (name := f"field_{_design_name(study)}{label}") in made:
@@ -460,6 +459,49 @@ def _finished(point: Point, values: Mapping[str, Any]) -> dict[str, Any]:
             way = Way.at(study, point.inputs, layout, point.__getitem__)
             made["design_point_heat"] = heat_power(made["design_point_power"], way.values, point.inputs.losses)
     return made
+
+
+def _mean(values: Floats, weight: Floats) -> Any:
+    lit = weight > 0  # zero weights are omitted, so that padding does not change the summation order
+    return np.sum(values[lit] * weight[lit]) / (np.sum(weight[lit]) or np.nan)
+
+
+def _sizes(point: Point, layout: Layout, area: Floats, rows: NDArray[np.int64]) -> dict[str, Any]:
+    """Return positions of the heliostats in `rows`, the size of the field [m, deg, m2], and the days of the period."""
+    study, pivots = point.study, layout.z + layout.values("pivot_height", point["heliostat.pivot_height"])
+    distance, elevation = np.full(area.shape, np.nan), np.full(area.shape, np.nan)
+    distance[rows] = away = np.hypot(layout.x, layout.y)
+    elevation[rows] = np.degrees(np.arctan2(point["receiver.height"] - pivots, away))
+    radius = float(np.hypot(*_sides(point, point.layout)).max() / 2)
+    key = f"land {point.index if study.keep else id(layout)} {radius}"
+    land = point.points.once(key, partial(land_area, layout.x, layout.y, radius))
+    dates = len(set(study.time.date_list())) if isinstance(study.time, CivilTime) else 0
+    hours = point.all_instants.labels["hours"].values if study.weather is not None and not dates else np.full(1, np.nan)
+    return {
+        "tower_distance": distance, "target_elevation": elevation, "field_land_area": land,
+        "field_packing_factor": area.sum() / land, "days": dates or hours.sum() / 24.0,
+        "field_mean_radius": _mean(distance, area),
+    }  # fmt: skip
+
+
+def _energies(point: Point, values: Mapping[str, Any], area: Floats, total: Callable[[Floats], Any]) -> dict[str, Any]:
+    """Return the energies and hours of a field, and the ranks of its heliostats. `total` sums over the heliostats."""
+    hours, rank, made = cast(Hours, light_of(point)[1]), np.full(area.shape, np.nan), dict[str, Any]()
+    for name, of in (
+        ("field_receiver_energy", "receiver_energy"), ("field_incident_energy", "incident_energy"),
+        ("loss", "heliostat_loss"), ("monthly_receiver_energy", "heliostat_monthly_receiver_energy"),
+    ):  # fmt: skip
+        made[name] = total(values[of])
+        if (errors := values.get(f"{of}_error")) is not None:
+            made[f"{name}_error"] = np.sqrt(total(np.nan_to_num(errors) ** 2))
+    each, received = values["receiver_energy"] / np.where(area > 0, area, np.nan), made["field_receiver_energy"]
+    ranked = np.flatnonzero((area > 0) & bool(received > 0))
+    rank[ranked[np.argsort(-each[ranked], kind="stable")]] = np.arange(1, len(ranked) + 1)
+    return made | {
+        "energy_per_mirror_area": each, "rank": rank, "hours_used": hours.used, "hours_lost": hours.lost,
+        "field_energy_per_mirror_area": received / (area.sum() or np.nan),
+        "monthly_incident_energy": area.sum() * hours.incident,
+    }  # fmt: skip
 
 
 def _sides(point: Point, layout: Layout) -> tuple[Any, Any]:

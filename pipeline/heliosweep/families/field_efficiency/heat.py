@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from heliosweep.config import Block, CivilTime, Column, Fault, FileName, Quantity, Sweep, Text, ends, read_table
+from heliosweep.config import Block, Column, Fault, FileName, Quantity, Sweep, Text, ends, read_table
 from heliosweep.economics import ITEMS, capital_cost, levelized_cost
 from heliosweep.energy import MEGA, monthly_sums, receiver_heat
 from heliosweep.errors import Problem
@@ -209,7 +209,7 @@ def heat_of_year(
 
 
 def costs_of(points: Points, made: Mapping[str, Floats], energy: Floats) -> dict[str, Floats]:
-    """Return the costs at the points of a region, from field sizes [m, m2] and energies over the period [MWh]."""
+    """Return the costs at the points of a region, from field sizes [m, m2], days, and energies of the period [MWh]."""
 
     def column(key: str) -> Any:
         values = points.column(key)[1]
@@ -225,11 +225,7 @@ def costs_of(points: Points, made: Mapping[str, Floats], energy: Floats) -> dict
         made["field_mirror_area"].ravel(), column("receiver.height"), receiver["width"] * receiver["height_extent"],
         receiver["height_extent"], made["mirror_height"].ravel(), made["field_land_area"].ravel() + land, **given,
     )  # fmt: skip
-    days = np.ones(shape)
-    for point in points:
-        dates = len(set(study.time.date_list())) if isinstance(study.time, CivilTime) else None
-        days[point.index] = dates or point.all_instants.labels["hours"].values.sum() / 24.0
-    total, yearly = cost["total_capital_cost"].to_numpy(), (energy * (365.0 / days)).ravel()
+    total, yearly = cost["total_capital_cost"].to_numpy(), (energy * (365.0 / made["days"])).ravel()
     level, some = np.full(yearly.shape, np.nan), yearly > 0.0
     level[some] = levelized_cost(total[some], yearly[some], fixed_charge_rate=rate[some], operation=operation[some])
     items = cost["capital_cost"].transpose(..., "item").to_numpy().reshape(*shape, len(ITEMS))

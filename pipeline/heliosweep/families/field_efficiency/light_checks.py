@@ -160,9 +160,7 @@ def _files(study: Any) -> Iterator[Problem | str]:
             return
         facets = study.heliostat.facets
         for width, height in itertools.product(*sides):
-            if not found.fits(width, height) and (facets is None or not found.fits(
-                (width + facets.gap) / facets.columns - facets.gap, (height + facets.gap) / facets.rows - facets.gap
-            )):  # fmt: skip
+            if not found.fits(width, height, facets):
                 span = (f"{at[0]:g} to {at[-1]:g} m" for at in (found.x, found.y))
                 message = (
                     f"{name}: positions along x and y, from {' and '.join(span)}, do not fit a mirror of {width:g} m x "

@@ -60,13 +60,17 @@ class SlopeMap(NamedTuple):
         """Return the map index of each heliostat in a layout, matched by name, `id` or number; -1 without a map."""
         return layout.matches(self.names) if self.names else np.zeros(len(layout), np.int64)
 
-    def fits(self, width: float, height: float) -> bool:
-        """Return True if the map fits a mirror: its outer points are within one grid step of the mirror edges."""
-        return all(
+    def fits(self, width: float, height: float, facets: Any = None) -> bool:
+        """Return True if the map fits a mirror or a facet: its outer points are within one grid step of the edges."""
+        mirror = all(
             abs(sign * at[end] - side / 2) <= 1.000001 * (at[1] - at[0])
             for at, side in ((self.x, width), (self.y, height))
             for end, sign in ((0, -1), (-1, 1))
         )
+        if facets is None:
+            return mirror
+        sides = ((width, facets.columns), (height, facets.rows))
+        return mirror or self.fits(*((side + facets.gap) / count - facets.gap for side, count in sides))
 
 
 @read_once(4)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -144,8 +145,7 @@ def read_horizon(path: Path, name: str) -> Floats:
 
 def horizon_of(study: Any) -> Floats | None:
     """Return the azimuths and elevations of a study's horizon, shape (points, 2), or None. [deg]"""
-    horizon = None if study.site is None else study.site.horizon
-    if horizon is None:
+    if study.site is None or (horizon := study.site.horizon) is None:
         return None
     return np.array(horizon.table) if horizon.file is None else read_horizon(study.resolve(horizon.file), horizon.file)
 
@@ -235,76 +235,47 @@ def check_tower(study: FieldEfficiencyStudy) -> Iterator[Problem]:
             yield study.problem("tower.radius", f"{message}{first}; move or remove them")
 
 
-class Outages(NamedTuple):
-    """Heliostat outages, with times in universal time."""
-
-    #: Name or number of the heliostat for each outage.
-    heliostat: tuple[str, ...]
-    begin: NDArray[np.datetime64]
-    end: NDArray[np.datetime64]
-
-    def of(self, layout: Layout) -> dict[int, tuple[NDArray[np.datetime64], NDArray[np.datetime64]]]:
-        """Return the start and end times of each heliostat's outages, by layout row."""
-        labels, of = np.unique(self.heliostat, return_inverse=True)
-        match = layout.matches(labels.tolist())
-        return {row: (self.begin[of == match[row]], self.end[of == match[row]])
-                for row in np.flatnonzero(match >= 0).tolist()}  # fmt: skip
+#: Start and end times of the outages of each heliostat (name or number), in universal time.
+Outages = Mapping[str, tuple[NDArray[np.datetime64], NDArray[np.datetime64]]]
 
 
 @read_once(4)
 def read_outages(path: Path, name: str, zone: str) -> Outages:
     """Read a table of outages. Times without a UTC offset are in the time zone `zone`. Raises StudyError."""
-    table = read_table(
-        path,
-        name,
-        {
-            "heliostat": Column("name, id or number of the heliostat", True, read=str, dtype=object, missing=""),
-            **{
-                key: Column(
-                    f"{what} of the outage",
-                    True,
-                    read=_moment,
-                    dtype=object,
-                    missing=dt.datetime(2000, 1, 1),
-                    names=names,
-                )
-                for key, what, names in (("from", "begin", ("begin", "start")), ("to", "end", ("end", "stop", "until")))
-            },
-        },
-        rows="outages",
-        most_rows=1_000_000,
-    )
-    names = tuple(table.texts("heliostat"))
-    begin, end = (_to_utc(table.column(key), parse_timezone(zone)) for key in ("from", "to"))
+
+    def moment(text: str) -> np.datetime64:
+        try:
+            time = dt.datetime.fromisoformat(text)
+        except ValueError:
+            raise ValueError(f"must be a time such as 2023-05-31T12:00 (got {text[:40]!r})") from None
+        aware = time if time.tzinfo else time.replace(tzinfo=parse_timezone(zone))
+        return np.datetime64(aware.astimezone(dt.UTC).replace(tzinfo=None), "s")
+
+    time = partial(Column, required=True, read=moment, dtype="datetime64[s]", missing=np.datetime64("NaT"))
+    columns = {
+        "heliostat": Column("name, id or number of the heliostat", True, read=str, dtype=object, missing=""),
+        "from": time("begin of the outage", names=("begin", "start")),
+        "to": time("end of the outage", names=("end", "stop", "until")),
+    }
+    table = read_table(path, name, columns, rows="outages", most_rows=1_000_000)
+    names, begin, end = np.array(table.texts("heliostat")), table.column("from"), table.column("to")
     for row in np.flatnonzero(end <= begin).tolist():
         table.add(f"'to' must be later than 'from' (got {table.texts('to')[row]!r})", row, "to")
-    for heliostat in dict.fromkeys(names):
-        rows = np.flatnonzero(np.array(names) == heliostat)
+    found = dict[str, Any]()
+    for heliostat in dict.fromkeys(names.tolist()):
+        rows = np.flatnonzero(names == heliostat)
+        found[heliostat] = begin[rows], end[rows]
         rows = rows[np.argsort(begin[rows])]
-        for before, row in zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True):
-            if begin[row] < end[before]:
-                table.add(f"overlaps another outage of heliostat {heliostat}; join them", row, "from")
+        for row in rows[1:][begin[rows[1:]] < end[rows[:-1]]].tolist():
+            table.add(f"overlaps another outage of heliostat {heliostat}; join them", row, "from")
     table.finish()
-    return Outages(names, begin, end)
+    return found
 
 
-def _moment(text: str) -> dt.datetime:
-    try:
-        return dt.datetime.fromisoformat(text)
-    except ValueError:
-        raise ValueError(f"must be a time such as 2023-05-31T12:00 (got {text[:40]!r})") from None
-
-
-def _to_utc(times: NDArray[Any], zone: dt.tzinfo) -> NDArray[np.datetime64]:
-    aware = (time if time.tzinfo else time.replace(tzinfo=zone) for time in times)
-    return np.array([time.astimezone(dt.UTC).replace(tzinfo=None) for time in aware], "datetime64[s]")
-
-
-def outages_of(study: FieldEfficiencyStudy) -> Outages | None:
-    """Return the outages of a study, or None if the study has no outage table."""
-    if study.availability is None or study.availability.outages is None:
-        return None
-    name = study.availability.outages
+def outages_of(study: FieldEfficiencyStudy) -> Outages:
+    """Return the outages of a study; empty if the study has no outage table."""
+    if study.availability is None or (name := study.availability.outages) is None:
+        return {}
     return read_outages(study.resolve(name), name, _zone(study) or "+00:00")
 
 
@@ -328,10 +299,13 @@ class Available(NamedTuple):
         """Return the availability of a layout's heliostats at a point of the result; None without `availability`."""
         if point.study.availability is None:
             return None
-        outages = outages_of(point.study)
-        fraction = layout.values("availability", point["availability.fraction"], 1.0)
-        utc = point.all_instants.labels["utc"].values
-        return cls(fraction, {} if outages is None else outages.of(layout), utc)
+        fraction, utc = (
+            layout.values("availability", point["availability.fraction"], 1.0),
+            point.all_instants.labels["utc"],
+        )
+        outages, rows = outages_of(point.study), layout.matches([*outages_of(point.study)])
+        of_rows = {row: [*outages.values()][rows[row]] for row in np.flatnonzero(rows >= 0).tolist()}
+        return cls(fraction, of_rows, utc.values)
 
     def apply(self, field: Any, hours: Hours, values: Values, start: int, stop: int) -> Values:
         """Apply the availability to the energies of the heliostats from `start` to `stop` - 1."""
@@ -367,12 +341,12 @@ def check_availability(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
         return
     outages = outages_of(study)
     for layout, _ in Layouts(study).some():
-        if outages is None and study.availability.fraction is None and "availability" not in layout.columns:
+        if not outages and study.availability.fraction is None and "availability" not in layout.columns:
             yield study.problem(
                 "availability", "has no value: give 'fraction', 'outages', or the column 'availability' of the layout"
             )
             return
-        labels = sorted({*(outages.heliostat if outages else ())})
+        labels = sorted(outages)
         missing = np.setdiff1d(np.arange(len(labels)), layout.matches(labels))
         if unknown := [labels[at] for at in missing.tolist()]:
             message = f"names heliostats that {layout.name} lacks: {few_of(unknown)}"
@@ -388,29 +362,18 @@ ALLOWED = (*(key for key in KEYS if not key.endswith((".seed", ".rays", ".precis
 def causes_of(study: FieldEfficiencyStudy) -> dict[str, dict[str, Any]]:
     """Return the causes in an error budget, with the undisturbed values of their keys in the units of the study file.
 
-    Raises Invalid if a value is not valid.
+    The value of a key that refers to a file is None. Raises Invalid if a value is not valid.
     """
     declared = {key: parameter for key, parameter, _ in study.parameters()}
     causes = {
-        cause: {key: _undisturbed(declared[key], raw) for key, raw in values.items()}
+        cause: {key: None if isinstance(declared[key], FileName) else declared[key].read(raw)
+                for key, raw in values.items()}
         for cause, values in (study.budget or {}).items()
-    }
+    }  # fmt: skip
     for values in causes.values():  # a mirror whose map is removed has no slope error
         if "optics.slope_map" in values and study.optics is not None and study.optics.slope_error is None:
             values.setdefault("optics.slope_error", 0.0)
     return causes
-
-
-def _undisturbed(parameter: Parameter, raw: Any) -> Any:
-    """Return the undisturbed value of a key, or None if the key refers to a file. Raises Invalid."""
-    if isinstance(parameter, FileName):
-        if raw != "none":
-            raise Invalid("must be none: a field without the cause has no such file")
-        return None
-    value = parameter.read(raw)
-    if isinstance(value, Sweep):
-        raise Invalid("must be one value")
-    return value
 
 
 def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
@@ -429,9 +392,10 @@ def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
             )
             yield study.source.problem(("budget", cause), message)
         for key, raw in values.items():
-            wrong = _check_key(key, raw, declared.get(key))
             if owner.setdefault(key, cause) != cause:
                 wrong = f"also belongs to the cause {owner[key]!r}; remove one of them"
+            else:
+                wrong = _check_key(key, raw, declared.get(key))
             if wrong:
                 yield study.source.problem(("budget", cause, key), wrong)
 
@@ -443,11 +407,12 @@ def _check_key(key: str, raw: Any, parameter: Parameter | None) -> str:
         return f"cannot be a key of a cause: use {names}"
     if parameter is None:
         return "is not set in this study: a cause can only contain keys that have a value"
+    if isinstance(parameter, FileName):
+        return "" if raw == "none" else "must be none: a field without the cause has no such file"
     try:
-        _undisturbed(parameter, raw)
+        return "must be one value" if isinstance(parameter.read(raw), Sweep) else ""
     except Invalid as error:
         return str(error)
-    return ""
 
 
 def budget_cases(study: FieldEfficiencyStudy) -> int:

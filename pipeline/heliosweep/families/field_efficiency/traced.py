@@ -374,7 +374,7 @@ class TracedField(NamedTuple):
         """Return irradiation-weighted means, and energies. [1, MWh]"""
         clean, reflected = self._reflected(hours)
         weight, name = hours.weight, "energy_flux_map"
-        made = self._trace(hours.sun, weight, weight * reflected, start, stop, name, clean, hours.month)
+        made = self._trace(hours.sun, weight, weight * reflected, start, stop, name, clean, hours.month, MONTHS)
         months, passed, mirror = _quantities(made), self.transmitted[start:stop], clean * self.reflection[start:stop]
         sums, received = months.sum(axis=1), passed * mirror * months[rays.RECEIVED]
         sent = mirror * sums[rays.REFLECTED]
@@ -413,7 +413,7 @@ class TracedField(NamedTuple):
                 lit = _quantities(made) * up[begin:end, np.newaxis, np.newaxis]
                 blocks.append(_efficiencies(lit, self.transmitted[start:stop], self.reflection[start:stop]))
         found = {f"instantaneous_{name}": np.concatenate([block[name] for block in blocks])
-                 for name in (blocks[0] if blocks else ())}  # fmt: skip
+                 for name, one in (blocks[0].items() if blocks else ()) if one.ndim > 1}  # fmt: skip
         mean = np.concatenate(fields, axis=1).transpose(2, 0, 1) * up[first:last] / area.sum()
         mean[[rays.REFLECTED, rays.RECEIVED]] *= reflected[first:last]
         found |= {f"field_instantaneous_{name}": each for name, each in _efficiencies(mean, 1.0, 1.0).items()}
@@ -467,7 +467,7 @@ class TracedField(NamedTuple):
         if design is not None and self.place[0] is not None:
             sun, dni, months = design.sun(self.place[0]), np.array([design.dni]), np.array([design.month()])
         elif hours is not None:
-            dni, months = hours.dni, hours.month
+            sun, dni, months = hours.sun, hours.dni, hours.month
         share = np.multiply.outer(1e-3 * dni * self.way.reflected(months, len(sun)), self.share)
         limit = np.full((aim.flux_rows, aim.flux_columns), point["aim.limit"])
         for row, value in aim.limits or ():
@@ -532,15 +532,15 @@ class TracedField(NamedTuple):
 
     def _trace(
         self, sun: Floats, weight: Floats, reflected: Floats, start: int, stop: int, name: str, scale: float,
-        month: NDArray[np.int64] | None = None, summed: bool = True,
+        month: NDArray[np.int64] | None = None, groups: int = 1, summed: bool = True,
     ) -> rays.Traced:  # fmt: skip
         """Trace the heliostats `start` to `stop` - 1 in one group, or by month, and add their light to `light`.
 
         The flux map `name` is multiplied by `scale`. If `summed` is False, sums at each instant are omitted.
         """
-        light, groups, stride = self.light, 1 if month is None else MONTHS, self._stride(len(sun))
+        light, stride = self.light, self._stride(len(sun))
         cells = flux_cells(self.study) if light is not None and name else None
-        summed = summed and light is not None and "sums" in light
+        summed = summed and "sums" in (light or {})
         share, area = self.share if cells or summed else None, self.area if summed else None
 
         def traced() -> rays.Traced:
@@ -560,10 +560,11 @@ class TracedField(NamedTuple):
                 f"rays of {threading.get_ident()}, {len(sun)}",
             )
             made = self.way.inputs.last(cache, key, traced, 1 + budget_cases(self.study))
-        if light is not None and cells:
-            light[name] = light.get(name, (0, 0.0))[0] + made.flux, scale * made.unit
-        if light is not None and summed:
-            light["sums"] = light["sums"] + made.field
+        found: dict[str, Any] = light if light is not None else {}
+        if cells:
+            found[name] = found.get(name, (0, 0.0))[0] + made.flux, scale * made.unit
+        if summed:
+            found["sums"] = found["sums"] + made.field
         return made
 
     def _traced(self, sun: Floats, first: int, last: int, **given: Any) -> rays.Traced:

@@ -20,7 +20,7 @@ Both mounts orient the normal along n = unit(s + r), where r and s are the direc
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -118,6 +118,8 @@ class Field(NamedTuple):
     place: Sequence[Any]
     #: Availability of the heliostats; None if they always operate.
     available: Available | None = None
+    #: Values of `aiming.VARIABLES`; none without optics.
+    aims: Mapping[str, Any] = {}
 
     def means(self, sun: Floats, start: int, stop: int, point: object = None) -> Values:
         """Return means over the instants with the sun up, with equal weights."""
@@ -201,18 +203,6 @@ def land_area(x: Floats, y: Floats, radius: float) -> float:
     return float(hull.area + radius * around + math.pi * radius**2)
 
 
-def courses(hours: Floats, longest: float, sun: Floats) -> NDArray[np.int64]:
-    """Number the courses: runs of successive instants on one day with the sun above the horizon.
-
-    `hours` [h], shape (T,), contains the times of the instants and `sun`, shape (T, 3), the directions to the sun. A
-    course ends if the time decreases (as from one solar day to the next) or increases by more than `longest` [h], or if
-    the sun is down. An instant with the sun below the horizon begins a new course.
-    """
-    up, step = sun[:, 2] > 0, np.diff(hours)
-    begins = ~((step > 0) & (step <= longest * (1 + 1e-6)) & up[:-1] & up[1:])
-    return np.concatenate([[0], np.cumsum(begins)])
-
-
 def tracking_angles(to_target: Floats, sun: Floats, tracking: int) -> Floats:
     """Return the primary and secondary angles of one mount, each within one turn.
 
@@ -263,7 +253,7 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     angle : ndarray, shape (T,)
         Angles from `tracking_angles`; NaN is ignored. [deg]
     course : ndarray of int, shape (T,)
-        Course numbers from `courses`.
+        Number of the course that contains each instant; see `angles_of`.
     hours : ndarray, shape (T,)
         Time of each instant, ascending within a course. [h]
 
@@ -301,19 +291,22 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     return low, low + span, span, float(rates.max()) if rates.size else np.nan, float(np.abs(steps).sum())
 
 
-def hours_of(instants: Instants, time: Any) -> tuple[Floats, float]:
-    """Return the times of the instants at a site, and the maximum step between successive instants within a day. [h]"""
-    if "utc" not in instants.labels:
-        return instants.labels["solar_hour"].values, np.inf
-    stamps = instants.labels["utc"].values
-    longest = time.window_seconds()[2] / 3600 if isinstance(time, CivilTime) else instants.labels["hours"].values.max()
-    return (stamps - stamps[0]) / np.timedelta64(1, "h"), float(longest)
+def angles_of(aims: Floats, sun: Floats, tracking: int, instants: Instants | None, series: bool, time: Any) -> Floats:
+    """Return the motion of mounts (last axis) at `instants` if given, otherwise their angles at each or one instant.
 
-
-def angles_of(aims: Floats, sun: Floats, tracking: int, hours: tuple[Floats, float] | None, series: bool) -> Floats:
-    """Return the motion of mounts (last axis) if `hours` is given, otherwise their angles at each or one instant."""
-    course = None if hours is None else courses(*hours, sun)
+    A course is a run of successive instants on one day with the sun above the horizon. A course ends if the time
+    decreases (as from one solar day to the next) or increases by more than the maximum step of the block `time`.
+    """
     pairs = [tracking_angles(aim, sun, tracking) for aim in aims]
-    if hours is not None and course is not None:
-        return np.stack([np.concatenate([motion(each, course, hours[0]) for each in pair]) for pair in pairs], axis=-1)
-    return np.stack([pair if series else pair[:, 0] for pair in pairs], axis=-1)
+    if instants is None:
+        return np.stack([pair if series else pair[:, 0] for pair in pairs], axis=-1)
+    labels, longest = {name: label.values for name, label in instants.labels.items()}, np.inf
+    if "utc" in labels:
+        hours = (labels["utc"] - labels["utc"][0]) / np.timedelta64(1, "h")
+        longest = float(time.window_seconds()[2] / 3600 if isinstance(time, CivilTime) else labels["hours"].max())
+    else:
+        hours = labels["solar_hour"]
+    up, step = sun[:, 2] > 0, np.diff(hours)
+    begins = ~((step > 0) & (step <= longest * (1 + 1e-6)) & up[:-1] & up[1:])
+    course = np.concatenate([[0], np.cumsum(begins)])
+    return np.stack([np.concatenate([motion(each, course, hours) for each in pair]) for pair in pairs], axis=-1)
