@@ -117,13 +117,6 @@ def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
     return steps[:-1] - steps[1:]
 
 
-def budget_losses(undisturbed: ArrayLike, actual: ArrayLike, alone: ArrayLike) -> Floats:
-    """Return the loss due to each cause alone, followed by their interaction; see `error_budget`."""
-    energy, reached = (np.asarray(one, np.float64)[..., np.newaxis] for one in (undisturbed, actual))
-    each = energy - np.asarray(alone, np.float64)
-    return np.concatenate((each, energy - reached - each.sum(axis=-1, keepdims=True)), axis=-1)
-
-
 def error_budget(
     undisturbed: ArrayLike, actual: ArrayLike, alone: Mapping[str, ArrayLike],
     without: Mapping[str, ArrayLike] | None = None,
@@ -167,12 +160,14 @@ def error_budget(
             f"`alone` and `without` must have the same causes (at least one, and none named {INTERACTION!r})"
         )
     single = np.stack(np.broadcast_arrays(*alone.values()), axis=-1)
-    loss = budget_losses(undisturbed, actual, single)
+    energy, reached = (np.asarray(one, np.float64)[..., np.newaxis] for one in (undisturbed, actual))
+    parts = energy - single
+    loss = np.concatenate((parts, energy - reached - parts.sum(axis=-1, keepdims=True)), axis=-1)
     outer, units = [f"point_{k}" for k in range(loss.ndim - 1)], {"units": "MWh"}
     made = {"loss": ((*outer, "part"), loss, units | {"long_name": "energy lost to each cause alone"})}
     if without is not None:
         removed = np.stack(np.broadcast_arrays(*(without[cause] for cause in causes)), axis=-1)
-        gain = removed - np.asarray(actual)[..., np.newaxis]
+        gain = removed - reached
         made["gain"] = (*outer, "cause"), gain, units | {"long_name": "energy gained if only this cause is removed"}
     return xr.Dataset(made, {"part": [*causes, INTERACTION], **({"cause": causes} if without is not None else {})})
 

@@ -43,6 +43,8 @@ class Block(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+    #: Keys of which exactly one must be given.
+    ONE_OF: ClassVar[tuple[str, ...]] = ()
 
     def rules(self) -> Iterable[Fault]:
         """Yield a fault for each conflict between keys of the block, if every key is valid."""
@@ -56,7 +58,10 @@ class Block(BaseModel):
 
     @model_validator(mode="after")
     def _keep_rules(self) -> Self:
-        if faults := list(self.rules()):
+        given = [key for key in self.ONE_OF if getattr(self, key) is not None]
+        names = one_of(self.ONE_OF).replace(" or ", " and ") if self.ONE_OF and len(given) != 1 else ""
+        of_keys = [Fault(f"give exactly one of {names}", show_value=False)] if names else []
+        if faults := [*of_keys, *self.rules()]:
             raise to_pydantic(faults)
         return self
 

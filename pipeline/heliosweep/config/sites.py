@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError
 
@@ -163,6 +163,8 @@ DIMENSIONS = ("weather", "clear_sky_model", *KEYS_OF, "dni_limit", "sun_elevatio
 class Weather(Block):
     """Source of the direct normal irradiance: a weather file or a clear-sky model."""
 
+    ONE_OF: ClassVar = ("file", "clear_sky")
+
     file: Annotated[
         str | Sweep | None,
         FileName(
@@ -209,10 +211,8 @@ class Weather(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that either a file or a clear sky is given, but not both."""
-        one = (self.file is None) != (self.clear_sky is None)
+        """Check that keys for weather files are given only with a file."""
         return when(
-            (not one, Fault("give exactly one of 'file' and 'clear_sky'", show_value=False)),
             *((self.file is None and getattr(self, key) is not None,
                Fault("applies only to a weather file: remove it", (key,))) for key in ("label", "offset", "timezone")),
             (self.label is not None and self.offset is not None,

@@ -14,7 +14,6 @@ from heliosweep.aiming import VARIABLES, choose_aims
 from heliosweep.config import CivilTime, SunDirections
 from heliosweep.economics import ITEMS
 from heliosweep.families.family import Computation
-from heliosweep.families.field_efficiency.flux import flux_labels, images, is_limited, varies
 from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
 from heliosweep.families.field_efficiency.light_checks import mapped
 from heliosweep.families.field_efficiency.losses import (
@@ -30,7 +29,7 @@ from heliosweep.families.field_efficiency.losses import (
     tower_of,
     years_of,
 )
-from heliosweep.families.field_efficiency.optics import label_keys
+from heliosweep.families.field_efficiency.optics import flux_labels, images, is_limited, label_keys, varies
 from heliosweep.families.field_efficiency.traced import (
     KEPT,
     Geometry,
@@ -47,7 +46,6 @@ from heliosweep.families.field_efficiency.values import (
     Hours,
     angles_of,
     land_area,
-    means_of_field,
 )
 from heliosweep.families.field_efficiency.variables import (
     ANGLES,
@@ -281,9 +279,11 @@ def _series_of(
         if hours is not None and has_heat(point.study):
             found["field_heat_power"] = heat_power(found["field_power"], field.way.values, point.inputs.losses)
         return found, of_field | {name: found.pop(name) for name in list(found) if name.startswith("field_")}
-    blocks = list(_blocks(point.study, len(sun), first, stop))
-    pieces = [field.series(sun, part, hours, start, end) for start, end in blocks]
-    return _joined(pieces), of_field | means_of_field(pieces, [field.area[start:end] for start, end in blocks])
+    blocks, area = _blocks(point.study, len(sun), first, stop), field.area[first:stop]
+    found = _joined([field.series(sun, part, hours, start, end) for start, end in blocks])
+    power = found.get("instantaneous_power", np.zeros((1, 0))).sum(axis=-1)
+    of_field |= {f"field_{name}": (values * area).sum(axis=-1) / area.sum() for name, values in found.items()}
+    return found, of_field | {"field_power": 1e-3 * power}
 
 
 def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: int, stop: int) -> dict[str, np.ndarray]:
@@ -360,7 +360,6 @@ def _budget(
 
 
 def _joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Join the values of several heliostat blocks along the last dimension."""
     return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in (pieces[0] if pieces else ())}
 
 

@@ -13,7 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
-from heliosweep.families.field_efficiency.flux import DIMS
+from heliosweep.families.field_efficiency.optics import DIMS
 from heliosweep.report.draw import colour_bar, label_outside, legend, panels
 from heliosweep.report.figures import COLOURS, HELIOSTAT, VALUES, Context, at, fold
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from heliosweep.families.field_efficiency.flux import DIMS
+from heliosweep.families.field_efficiency.optics import DIMS
 from heliosweep.families.field_efficiency.variables import ANGLES, EFFICIENCIES, FACTORED, LIGHT, PRODUCT
 from heliosweep.report.figures import FIELD, HELIOSTAT, Context, Curves, Figure, Maps, Rasters, Special, is_ordered
 from heliosweep.report.tables import SOURCE, Table, numbers
@@ -32,7 +32,9 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     energy = "field_receiver_energy" in result
     if columns:
         yield numbers(result, dims, columns, "Energy, power and size", [_sums(result)] if energy else [], digits=4)
-    if parts := budget_columns(result):
+    losses = (("budget_loss", "budget_part", "{}"), ("budget_gain", "budget_cause", "gain without {}"))
+    if parts := [result[name].sel({dim: label}, drop=True).rename(words.format(label))
+                 for name, dim, words in losses if name in result for label in result[dim].to_numpy()]:  # fmt: skip
         note = (
             "Loss due to each cause alone, and interaction: the loss due to all causes minus the sum of these losses."
         )
@@ -46,13 +48,6 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     means = [_named(result, name) for name in names if name in whole]
     notes = ["Factored: product of the means of cosine, shading and blocking efficiency."]
     yield numbers(result, dims, means, "Mean efficiencies over the period", notes)
-
-
-def budget_columns(result: xr.Dataset) -> list[xr.DataArray]:
-    """Return the columns of the budget table: the loss of each part, and the gain from removing each cause."""
-    named = (("budget_loss", "budget_part", "{}"), ("budget_gain", "budget_cause", "gain without {}"))
-    return [result[name].sel({dim: label}, drop=True).rename(words.format(label))
-            for name, dim, words in named if name in result for label in result[dim].to_numpy()]  # fmt: skip
 
 
 def budget_figure(result: xr.Dataset) -> Figure:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -33,6 +33,8 @@ _LOSS_COLUMNS = {
 class ThermalLosses(Block):
     """Thermal losses of a receiver in operation, by radiation and convection."""
 
+    ONE_OF: ClassVar = ("constant", "per_area", "file")
+
     constant: Annotated[
         float | Sweep | None,
         Quantity("Thermal losses of the receiver", "MW", ge=0, dimension="thermal_losses", title="thermal losses"),
@@ -47,11 +49,6 @@ class ThermalLosses(Block):
         FileName("CSV table with the columns power (light on the receiver, in MW) and losses (thermal losses at "
                  "this power, in MW)", sweep=False),
     ] = None  # fmt: skip
-
-    def rules(self) -> Iterator[Fault]:
-        """Check that exactly one key specifies the losses."""
-        if sum(value is not None for value in (self.constant, self.per_area, self.file)) != 1:
-            yield Fault("give exactly one of 'constant', 'per_area' and 'file'", show_value=False)
 
 
 def _cost(description: str, title: str = "", **more: Any) -> Quantity:

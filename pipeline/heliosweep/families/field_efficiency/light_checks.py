@@ -12,9 +12,8 @@ import numpy as np
 from heliosweep.aiming import SLACK, aim_grid, off_receiver
 from heliosweep.config import SolarTime, SunDirections, Sweep, ends, few_of, read_profile
 from heliosweep.errors import Problem, listed
-from heliosweep.families.field_efficiency.flux import COLUMNS
 from heliosweep.families.field_efficiency.light_files import read_calibration, read_slopes
-from heliosweep.families.field_efficiency.optics import KEYS
+from heliosweep.families.field_efficiency.optics import COLUMNS, KEYS
 from heliosweep.families.field_efficiency.traced import Geometry, Inputs, Way, usual_rays
 from heliosweep.grid.sun import instant_count
 from heliosweep.kernels.device import device_problem

@@ -11,7 +11,7 @@ import datetime as dt
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from heliosweep.config import (
     parse_timezone,
     read_table,
 )
-from heliosweep.energy import INTERACTION, availability, budget_losses, exceedance
+from heliosweep.energy import INTERACTION, availability, error_budget, exceedance
 from heliosweep.errors import Problem
 from heliosweep.families.field_efficiency.optics import KEYS
 from heliosweep.files import read_once
@@ -81,6 +81,8 @@ class Tower(Block):
 class Horizon(Block):
     """Horizon of the site, interpolated linearly between azimuths. The sun is treated as set below the horizon."""
 
+    ONE_OF: ClassVar = ("table", "file")
+
     table: Annotated[
         tuple[tuple[float, ...], ...] | None,
         ListOfNumbers("Azimuth (clockwise from north) and elevation of points of the horizon", "deg",
@@ -91,9 +93,7 @@ class Horizon(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that exactly one table is given, with one elevation for each azimuth."""
-        if (self.table is None) == (self.file is None):
-            yield Fault("give exactly one of 'table' and 'file'", show_value=False)
+        """Check that the table has one elevation for each azimuth."""
         for row, message in _wrong_rows(np.reshape(self.table or (), (-1, 2))):
             yield Fault(message, ("table", row))
 
@@ -449,10 +449,14 @@ def budget_values(
     every = {key: value for values in causes.values() for key, value in values.items()}
     undisturbed, stages = energies(every)
     others = [{key: every[key] for key in every if key not in values} for values in causes.values()]
-    alone, without = (np.array([energies(values)[0] for values in cases]) for cases in (others, causes.values()))
+    alone, without = (
+        {cause: energies(values)[0] for cause, values in zip(causes, cases, strict=True)}
+        for cases in (others, causes.values())
+    )
+    budget = error_budget(undisturbed, actual, alone, without)
     return {
         "budget_energy": np.asarray(undisturbed),
         "budget_stage_loss": stages,
-        "budget_loss": budget_losses(undisturbed, actual, alone),
-        "budget_gain": without - actual,
+        "budget_loss": budget["loss"].to_numpy(),
+        "budget_gain": budget["gain"].to_numpy(),
     }

@@ -36,14 +36,6 @@ from heliosweep.config import (
 )
 from heliosweep.config import Layout as LayoutBlock
 from heliosweep.errors import Problem
-from heliosweep.families.field_efficiency.flux import (
-    DIMS,
-    Aim,
-    FluxMap,
-    has_instant,
-    is_limited,
-    limit_rules,
-)
 from heliosweep.families.field_efficiency.heat import Economics, check_losses, has_heat, heat_rules
 from heliosweep.families.field_efficiency.light_checks import aim_faults, light_faults
 from heliosweep.families.field_efficiency.losses import (
@@ -54,7 +46,18 @@ from heliosweep.families.field_efficiency.losses import (
     check_availability,
     check_tower,
 )
-from heliosweep.families.field_efficiency.optics import NAMES, Heliostat, Optics, Receiver
+from heliosweep.families.field_efficiency.optics import (
+    DIMS,
+    NAMES,
+    Aim,
+    FluxMap,
+    Heliostat,
+    Optics,
+    Receiver,
+    has_instant,
+    is_limited,
+    limit_rules,
+)
 from heliosweep.families.field_efficiency.variables import NAMES as VARIABLE_NAMES
 from heliosweep.grid import check_weather, dark_places, instant_count, weather_faults
 from heliosweep.kernels.sun import declination_cooper, solar_clock
@@ -99,6 +102,8 @@ _NEEDS: dict[str, tuple[str, ...]] = {
 class Keep(Block):
     """Selection of the best heliostats of a layout. The field is then recomputed with only these heliostats."""
 
+    ONE_OF: ClassVar = ("heliostats", "field_power", "heat_power")
+
     heliostats: Annotated[
         int | Sweep | None,
         Quantity("Number of heliostats", "1", ge=1, integer=True, dimension="kept_heliostats",
@@ -118,11 +123,6 @@ class Keep(Block):
     ] = None  # fmt: skip
     by: Annotated[str | Sweep, Choice("Result by which heliostats are ranked, in descending order", BY,
                                       dimension="kept_by", title="result by which heliostats are ranked")]  # fmt: skip
-
-    def rules(self) -> Iterator[Fault]:
-        """Check that exactly one key sets the size of the selection."""
-        if sum(size is not None for size in (self.heliostats, self.field_power, self.heat_power)) != 1:
-            yield Fault("give exactly one of 'heliostats', 'field_power' and 'heat_power'", show_value=False)
 
 
 def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
@@ -256,8 +256,17 @@ class FieldEfficiencyStudy(Study):
             [key for key in ("site", "sites") if getattr(self, key)],
         )
         series = [key for key in ("time_series", "field_series") if getattr(self.output, key)]
+        count, wanted = instant_count(self.time), self.output.flux_map
         checks: tuple[tuple[object, str, str], ...] = (
-            *self._light_rules(),
+            (self.output.outlines and count > 1, "output.outlines",
+             f"need one instant, but the study has {count:,}: give one, or 'clock: sun' with directions"),
+            (self.optics and self.receiver.kind is None, "receiver",
+             "'kind' is missing: with 'optics' the receiver has a size, such as {kind: rectangle, width: 12, ...}"),
+            (wanted and self.weather is None and not has_instant(self), "output.flux_map",
+             "needs one instant or a year: give 'design_point', 'weather', or 'clock: sun' with directions"),
+            *((self.optics is None and attrgetter(key)(self) is not None, key,
+               "is used with 'optics' only: add it, or remove this")
+              for key in ("receiver.kind", "heliostat.focus", "heliostat.facets", "aim", "output.flux_map")),
             *heat_rules(self),
             *limit_rules(self),
             *((directions, name, "is not needed: 'time' gives the direction of the sun") for name in given),
@@ -272,22 +281,7 @@ class FieldEfficiencyStudy(Study):
         yield from keep_faults(self)
         for wrong, key, message in checks:
             if wrong:
-                yield Fault(message, tuple(key.split(".")) if key else (), show_value=False)
-
-    def _light_rules(self) -> tuple[tuple[object, str, str], ...]:
-        """Return the rules for keys that need one instant or `optics`, each with condition, key and message."""
-        count, wanted = instant_count(self.time), self.output.flux_map
-        return (
-            (self.output.outlines and count > 1, "output.outlines",
-             f"need one instant, but the study has {count:,}: give one, or 'clock: sun' with directions"),
-            (self.optics and self.receiver.kind is None, "receiver",
-             "'kind' is missing: with 'optics' the receiver has a size, such as {kind: rectangle, width: 12, ...}"),
-            (wanted and self.weather is None and not has_instant(self), "output.flux_map",
-             "needs one instant or a year: give 'design_point', 'weather', or 'clock: sun' with directions"),
-            *((self.optics is None and attrgetter(key)(self) is not None, key,
-               "is used with 'optics' only: add it, or remove this")
-              for key in ("receiver.kind", "heliostat.focus", "heliostat.facets", "aim", "output.flux_map")),
-        )  # fmt: skip
+                yield Fault(message, tuple(filter(None, key.split("."))), show_value=False)
 
     def dimension_names(self) -> dict[str, str]:
         """Return the names of the dimensions, as in `Study.dimension_names`.

@@ -22,12 +22,11 @@ from heliosweep.aiming import VARIABLES, aim_grid, limited_aims, targets
 from heliosweep.config import Distribution, WeatherTime, read_profile
 from heliosweep.energy import transmittance
 from heliosweep.errors import StudyError
-from heliosweep.families.field_efficiency.flux import COLUMNS, IRRADIANCE, flux_cells, is_limited, varies
 from heliosweep.families.field_efficiency.heat import read_losses
 from heliosweep.families.field_efficiency.light_files import TURN_COLUMNS, SlopeMap, read_calibration, read_slopes
 from heliosweep.families.field_efficiency.losses import Available, budget_cases
-from heliosweep.families.field_efficiency.optics import KEYS
-from heliosweep.families.field_efficiency.values import Hours, Values, chain_of_energies, powers
+from heliosweep.families.field_efficiency.optics import COLUMNS, IRRADIANCE, KEYS, flux_cells, is_limited, varies
+from heliosweep.families.field_efficiency.values import Hours, Values, chain_of_energies
 from heliosweep.families.field_efficiency.variables import EFFICIENCIES, LIGHT, MONTHS
 from heliosweep.families.mount_errors import standard_deviates, widths_of
 from heliosweep.grid.sun import Instants, instant_count
@@ -420,8 +419,8 @@ class TracedField(NamedTuple):
         if hours is not None:
             for label in ("", "_error"):
                 if blocks:
-                    power = powers(found[f"instantaneous_total_efficiency{label}"], hours, part, area)
-                    found |= {f"{name}{label}": each for name, each in power.items()}
+                    each = np.nan_to_num(found[f"instantaneous_total_efficiency{label}"])
+                    found[f"instantaneous_power{label}"] = each * (hours.dni[part, np.newaxis] * 1e-3) * area
                 total = np.nan_to_num(found[f"field_instantaneous_total_efficiency{label}"])
                 found[f"field_power{label}"] = 1e-6 * (total * hours.dni[part] * area.sum())
         return found

@@ -144,7 +144,11 @@ class Field(NamedTuple):
     def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
         """Return the values at the instants of `part`, including power if `hours` is given. [1, kW]"""
         values = efficiency.field_series(*self.sorted, sun[part], start, stop)
-        return dict(zip(SERIES, values, strict=True)) | powers(values[-1], hours, part, self.area[start:stop])
+        found = dict(zip(SERIES, values, strict=True))
+        if hours is not None:
+            power = hours.dni[part, np.newaxis] * 1e-3
+            found["instantaneous_power"] = np.nan_to_num(values[-1]) * power * self.area[start:stop]
+        return found
 
 
 def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthly: Floats) -> Values:
@@ -171,27 +175,6 @@ def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthl
         "heliostat_monthly_receiver_energy": area * monthly,
         "heliostat_loss": area * energy_losses(incident, left),
     }
-
-
-def powers(efficiency: Floats, hours: Hours | None, part: slice, area: Floats) -> Values:
-    """Return the power of each heliostat at the instants of `part`, shape (T, n), from its efficiency. [kW]
-
-    The mapping is empty if `hours` is None.
-    """
-    if hours is None:
-        return {}
-    return {"instantaneous_power": np.nan_to_num(efficiency) * (hours.dni[part, np.newaxis] * 1e-3) * area}
-
-
-def means_of_field(pieces: Sequence[Values], areas: Sequence[Floats]) -> Values:
-    """Return area-weighted field means (for power, sums) from the time series of several heliostat blocks."""
-    whole, found = sum(float(area.sum()) for area in areas), {}
-    for name in pieces[0] if pieces else ():
-        power = name == "instantaneous_power"
-        weighted = (piece[name] * (1.0 if power else area) for piece, area in zip(pieces, areas, strict=True))
-        total = sum(np.ascontiguousarray(each).sum(axis=-1) for each in weighted)
-        found["field_power" if power else f"field_{name}"] = 1e-3 * total if power else total / whole
-    return found
 
 
 def land_area(x: Floats, y: Floats, radius: float) -> float:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from heliosweep.aiming import VARIABLES
 from heliosweep.config import SunDirections
-from heliosweep.families.field_efficiency.flux import IRRADIANCE, has_instant, is_limited, varies
 from heliosweep.families.field_efficiency.heat import has_heat
 from heliosweep.families.field_efficiency.losses import year_variables
+from heliosweep.families.field_efficiency.optics import IRRADIANCE, has_instant, is_limited, varies
 from heliosweep.grid.regions import Variable, quantity, with_best
 
 if TYPE_CHECKING:
