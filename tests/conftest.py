@@ -43,10 +43,10 @@ NO_KERNELS = {"config", "layouts"}
 
 
 def _of_main_thread(change: Callable[..., Any]) -> Callable[..., Any]:
-    """Threads share the filters of warnings, so a change in another thread may be lost: here it always is."""
+    """Ignore changes of warning filters in other threads, which share them; numba expects a list of warnings."""
 
     def changed(*arguments: Any, **keywords: Any) -> Any:
-        return change(*arguments, **keywords) if threading.current_thread() is threading.main_thread() else None
+        return change(*arguments, **keywords) if threading.current_thread() is threading.main_thread() else []
 
     return changed
 
