@@ -9,8 +9,8 @@ from __future__ import annotations
 import datetime as dt
 import difflib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -96,32 +96,23 @@ def when(*rules: tuple[object, Fault]) -> Iterator[Fault]:
     return (fault for wrong, fault in rules if wrong)
 
 
-class Faults(list[Fault]):
-    """List of faults to be raised as one error."""
-
-    @contextmanager
-    def under(self, *place: str | int) -> Iterator[None]:
-        """Collect the faults that are raised while the part at `place` is read."""
-        try:
-            yield
-        except Invalid as error:
-            self += (replace(fault, path=(*place, *fault.path)) for fault in error.faults)
-
-    def check(self) -> None:
-        """Raise Invalid if there are faults."""
-        if self:
-            raise Invalid(self)
-
-
-def each(entries: Iterable[object], read: Callable[[Any], T]) -> list[T]:
+def each(entries: Iterable[Any], read: Callable[[Any], T]) -> list[T]:
     """Read the entries of a list. Raises Invalid with the faults of each entry."""
-    found, faults = list[T](), Faults()
-    for position, entry in enumerate(entries):
+    return collect((((place,), partial(read, entry)) for place, entry in enumerate(entries)), [])
+
+
+def collect(parts: Iterable[tuple[Path, Callable[[], T]]], faults: list[Fault]) -> list[T]:
+    """Read the part at each path. Raises Invalid with `faults` and the faults of all parts."""
+    found = list[T]()
+    for path, read in parts:
+        try:
+            found.append(read())
+        except Invalid as error:
+            faults += (replace(fault, path=(*path, *fault.path)) for fault in error.faults)
         if len(faults) > MAX_FAULTS:
             break
-        with faults.under(position):
-            found.append(read(entry))
-    faults.check()
+    if faults:
+        raise Invalid(faults)
     return found
 
 

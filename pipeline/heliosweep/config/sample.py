@@ -27,7 +27,7 @@ import numpy as np
 from pydantic import Field
 
 from heliosweep.config.blocks import Block, blocks_in
-from heliosweep.config.faults import Fault, Faults, did_you_mean, each, one_of, require, shown, when
+from heliosweep.config.faults import Fault, Invalid, did_you_mean, each, one_of, require, shown, when
 from heliosweep.config.source import Source
 from heliosweep.config.values import (
     LEAST,
@@ -479,21 +479,22 @@ def with_search(source: Source, study_class: type[Study], problems: list[Problem
     """
     search = source.data.get("search")
     over = search.get("over") if isinstance(search, dict) else None
-    data, known, faults = copy.deepcopy(source.data), searchable(study_class), Faults()
+    data, known = copy.deepcopy(source.data), searchable(study_class)
     for key, extent in over.items() if isinstance(over, dict) else ():
+        place = ("search", "over", key)
         if key not in known:
             hint = did_you_mean(key, known) or ": only keys that can be swept can be searched"
-            message = f"is not a key that can be searched{hint}"
-            problems.append(source.problem(("search", "over", key), message, at_key=True))
+            problems.append(source.problem(place, f"is not a key that can be searched{hint}", at_key=True))
             continue
-        with faults.under("search", "over", key):
+        try:
             data["search"]["over"][key], first = _read(known[key], extent)
             block, (*outer, name) = data, key.split(".")
             for part in outer:
                 block = block.setdefault(part, {}) if isinstance(block, dict) else {}
             if isinstance(block, dict):
                 block.setdefault(name, first)
-    problems += (source.problem(fault.path, fault.message) for fault in faults)
+        except Invalid as error:
+            problems += (source.problem((*place, *fault.path), fault.message) for fault in error.faults)
     return replace(source, data=data)
 
 

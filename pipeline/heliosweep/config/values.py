@@ -29,8 +29,8 @@ from heliosweep.config.faults import (
     MAX_FAULTS,
     SYNONYMS,
     Fault,
-    Faults,
     Invalid,
+    collect,
     did_you_mean,
     each,
     nearest,
@@ -237,7 +237,7 @@ def read_mapping(
         If an entry is invalid. Each fault is located at the key of the entry.
     """
     require(isinstance(raw, Mapping), f"must be a mapping: {form}")
-    faults, values, meant = Faults(), dict[str, Any](), set[str | None]()
+    faults, meant = list[Fault](), set[str | None]()
     for key in [str(key) for key in raw if key not in readers][:MAX_FAULTS]:
         meant.add(nearest(key, readers))
         faults.append(Fault(f"unknown key{did_you_mean(key, readers) or f'; {form}'}", (key,), show_value=False))
@@ -248,11 +248,8 @@ def read_mapping(
     faults += (Fault(f"give only one of {', '.join(exactly)}", (key,), show_value=False) for key in given[1:])
     if exactly and not given and not faults:
         faults.append(Fault(f"{one_of(exactly)} is missing: {form}", show_value=False))
-    for key in (key for key in readers if key in raw):
-        with faults.under(key):
-            values[key] = readers[key](raw[key])
-    faults.check()
-    return values
+    known = [key for key in readers if key in raw]
+    return dict(zip(known, collect((((key,), partial(readers[key], raw[key])) for key in known), faults), strict=True))
 
 
 def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int | None = None) -> Swept:
