@@ -24,7 +24,7 @@ def test_table(load_study) -> None:
     [
         (
             "name,latitude\na,91\nb,x\nc,\n",
-            "sites.csv:2: latitude: must be between -90 and 90 deg (got 91.0)\n"
+            "sites.csv:2: latitude: must be between -90 and 90 deg (got 91)\n"
             "sites.csv:3: latitude: must be an angle in deg, a number or text such as '30 deg' (got 'x')\n"
             "sites.csv:4: latitude: is missing: Geographic latitude, positive north [deg]",
         ),

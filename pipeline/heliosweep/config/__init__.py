@@ -61,7 +61,7 @@ from heliosweep.config.sites import (
     places_of,
     site_notes,
     site_table,
-    with_sites,
+    with_inputs,
 )
 from heliosweep.config.source import Source, parse, read, text_of
 from heliosweep.config.study import Dimension, Study, id_of, parameters, replaced, yaml_text
@@ -122,7 +122,7 @@ from heliosweep.config.values import (
     read_items,
     read_mapping,
 )
-from heliosweep.config.weather_files import YEAR, WeatherFile, read_weather, weather_of, with_weather
+from heliosweep.config.weather_files import YEAR, WeatherFile, read_weather, weather_of
 
 __all__ = [
     "DIMENSIONS",
@@ -241,7 +241,6 @@ __all__ = [
     "wall_to_utc",
     "weather_of",
     "when",
-    "with_sites",
-    "with_weather",
+    "with_inputs",
     "yaml_text",
 ]

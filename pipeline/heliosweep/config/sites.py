@@ -9,20 +9,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError
+from pydantic import Discriminator, Field, Tag, ValidationError
 
 from heliosweep.config.blocks import Block, translate
-from heliosweep.config.faults import Fault, Path, few_of, shown, to_pydantic, when
-from heliosweep.config.source import Source
+from heliosweep.config.faults import Fault, Path, few_of, shown, when
+from heliosweep.config.source import Source, scalar
 from heliosweep.config.study import Study
 from heliosweep.config.tables import Column, Table, read_table
 from heliosweep.config.times import CivilTime, TimeZone
 from heliosweep.config.values import Choice, FileName, Quantity, Sweep, Text, ends
-from heliosweep.config.weather_files import FORMATS, parse_weather
+from heliosweep.config.weather_files import FORMATS, parse_weather, weather_of
 from heliosweep.errors import Problem, StudyError, log
 from heliosweep.files import named_in
 
@@ -75,18 +74,6 @@ class SiteFile(Block):
     ]
 
 
-def _distinct(sites: tuple[NamedSite, ...]) -> tuple[NamedSite, ...]:
-    positions: dict[str, int] = {}
-    faults = [
-        Fault("another site has this name", (position, "name"))
-        for position, site in enumerate(sites)
-        if positions.setdefault(site.name, position) != position
-    ]
-    if faults:
-        raise to_pydantic(faults)
-    return sites
-
-
 def _sites_form(raw: Any) -> str | None:
     if isinstance(raw, list | tuple):
         return "list"
@@ -96,8 +83,7 @@ def _sites_form(raw: Any) -> str | None:
 
 
 Sites = Annotated[
-    Annotated[tuple[NamedSite, ...], Field(min_length=1), AfterValidator(_distinct), Tag("list")]
-    | Annotated[SiteFile, Tag("table")],
+    Annotated[tuple[NamedSite, ...], Field(min_length=1), Tag("list")] | Annotated[SiteFile, Tag("table")],
     Discriminator(
         _sites_form,
         custom_error_type="fault",
@@ -268,10 +254,11 @@ def site_table(study: Study) -> tuple[NamedSite, ...]:
     columns = {name: table.texts(name) for name in table.header if name in _COLUMNS}
     found: list[NamedSite] = []
     for row in range(len(table)):
-        cells: dict[str, Any] = {name: texts[row] for name, texts in columns.items() if texts[row]}
-        for name in {"latitude", "longitude", "altitude"} & cells.keys():
-            with suppress(ValueError):  # the string may contain a unit
-                cells[name] = float(cells[name])
+        cells = {
+            name: scalar(texts[row]) if name in ("latitude", "longitude", "altitude") else texts[row]
+            for name, texts in columns.items()
+        }
+        cells = {name: cell for name, cell in cells.items() if cell not in (None, "")}
         try:
             site = NamedSite.model_validate(cells)
             if any(site.name == other.name for other in found):
@@ -289,11 +276,15 @@ def _table(study: Study, sites: SiteFile) -> Table:
     return read_table(path, str(path), _COLUMNS, others=True, rows="sites", most_bytes=2**20)
 
 
-def site_notes(study: Study) -> Iterator[str]:
-    """Yield a warning that lists the unused columns of the table of sites."""
+def site_notes(study: Study) -> Iterator[Problem | str]:
+    """Yield a problem for each repeated name of a site, and a warning for unused columns of the table of sites."""
     sites: Any = getattr(study, "sites", None)
     if isinstance(sites, SiteFile) and (unused := _table(study, sites).unused()):
         yield f"{sites.file}: ignored columns: {few_of(unused)}"
+    first: dict[str, int] = {}
+    for position, site in enumerate(sites if isinstance(sites, tuple) else ()):
+        if first.setdefault(site.name, position) != position:
+            yield study.problem(f"sites[{position}].name", f"another site has this name (got {shown(site.name)})")
 
 
 def places_of(study: Study) -> tuple[Site | NamedSite, ...]:
@@ -302,10 +293,12 @@ def places_of(study: Study) -> tuple[Site | NamedSite, ...]:
     return site_table(study) if single is None else (single,)
 
 
-def with_sites(study: Study) -> Study:
-    """Return the study with the sites instead of their table, so that the file is not read again."""
+def with_inputs(study: Study) -> Study:
+    """Return the study with its sites and weather files attached, so that the files are not read again."""
     table = site_table(study)
-    return study.model_copy(update={"sites": table}) if table else study
+    copied = study.model_copy(update={"sites": table} if table else {})
+    copied._weather = weather_of(study)
+    return copied
 
 
 def civil_clock_problems(study: Study) -> Iterator[Problem]:

@@ -196,10 +196,6 @@ class SolarTime(Block):
             return midpoints(self.hours).values()
         return self.hours[:-1] if self.sampling == "left" else self.hours.values()
 
-    def count(self) -> int:
-        """Return the number of instants without generating the instants."""
-        return len(self.declination or self.days or ()) * (len(self.hours) - (self.sampling != "inclusive"))
-
 
 @dataclass(frozen=True)
 class DateList:

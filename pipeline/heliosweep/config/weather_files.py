@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config.faults import few_of
+from heliosweep.config.faults import few_of, require
 from heliosweep.config.source import text_of
 from heliosweep.config.study import Study
 from heliosweep.config.tables import (
@@ -155,9 +155,12 @@ def parse_weather(path: Path) -> Sheet:
         _read_json(sheet, text)
     else:
         _read_lines(sheet, text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
-    marks = {"EPW": "end", "TMY3": "end", "SolarAnywhere": "end", "SAM": "middle", "PVGIS": "middle"}
-    marks |= {"Solargis": "middle", "CAMS": "start", "NASA POWER": "start"}  # the mark of other tables is unknown
-    sheet.mark = sheet.mark or marks.get(sheet.kind, "")
+    marks = {
+        **dict.fromkeys(("EPW", "TMY3", "SolarAnywhere"), "end"),
+        **dict.fromkeys(("SAM", "PVGIS", "Solargis"), "middle"),
+        **dict.fromkeys(("CAMS", "NASA POWER"), "start"),
+    }
+    sheet.mark = sheet.mark or marks.get(sheet.kind, "")  # the mark of other tables is unknown
     return sheet
 
 
@@ -292,11 +295,9 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
     in_titles = {key: titles.index(name) for key, names in _TITLES.items() for name in names if name in titles}
     places = _PLACES.get(kind, in_titles)
     for key in ("longitude", "time zone"):
-        if key not in places:
-            raise ValueError(f"the header has no field {key.title()!r}")
+        require(key in places, f"the header has no field {key.title()!r}")
     width = max(places.values()) + 1
-    if len(fields) < width:
-        raise ValueError(f"the header has {len(fields)} fields, and {kind} files have {width}")
+    require(len(fields) >= width, f"the header has {len(fields)} fields, and {kind} files have {width}")
     got = {name: float(numbers([fields[place]])[0]) for name, place in places.items()}
     bounds = {"latitude": (-90, 90), "longitude": (-180, 180), "time zone": (-14, 14), "altitude": (-500, 10_000)}
     wrong = [
@@ -304,11 +305,9 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
         for name, (low, high) in bounds.items()
         if name in got and not low <= got[name] <= high
     ]
-    if not wrong and got["time zone"] * 60 % 1:
-        place = places["time zone"] + 1
-        wrong = [f"field {place}, the time zone, must be in whole minutes (got {got['time zone']:g} h)"]
-    if wrong:
-        raise ValueError("; ".join(wrong))
+    require(not wrong, "; ".join(wrong))
+    whole = f"field {places['time zone'] + 1}, the time zone, must be in whole minutes (got {got['time zone']:g} h)"
+    require(got["time zone"] * 60 % 1 == 0, whole)
     zone = offset_text(got.pop("time zone"))
     city = fields[titles.index("city")] if "city" in titles else ""
     return {"name": city.strip("- ") or fields[1] or "unnamed", **got, "timezone": zone}
@@ -363,13 +362,6 @@ class WeatherFile:
 
     def __len__(self) -> int:
         return self.utc.size
-
-
-def with_weather(study: Study) -> Study:
-    """Return the study with attached weather files, so that the files are not read again."""
-    copied = study.model_copy()
-    copied._weather = weather_of(study)
-    return copied
 
 
 def weather_of(study: Study) -> tuple[WeatherFile, ...]:

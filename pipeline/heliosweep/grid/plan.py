@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import psutil
 
-from heliosweep.config import Study, did_you_mean, with_sites, with_weather
+from heliosweep.config import Study, did_you_mean, with_inputs
 from heliosweep.errors import PlanError, Problem, StudyError
 from heliosweep.files import human_bytes, processors
 from heliosweep.grid.regions import (
@@ -420,7 +420,7 @@ class Work:
 
     def __init__(self, family: Any, study: Study, variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> None:
         self.family, self.variables, self.sizes = family, dict(variables), dict(sizes)
-        self.study = with_weather(with_sites(study))
+        self.study = with_inputs(study)
         self.inputs = family.inputs(study)
 
     def compute(self, chunk: Piece) -> dict[str, np.ndarray]:

@@ -91,7 +91,7 @@ def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> 
     if isinstance(time, WeatherTime):
         return 8760
     if isinstance(time, SolarTime):
-        return time.count()
+        return len(time.declination or time.days or ()) * len(time.solar_hours())
     start, stop, step = time.window_seconds()
     return len(time.date_list()) * window_count((stop - start) / step, time.sampling)
 
