@@ -42,3 +42,12 @@ def test_compiled_code_is_found_until_any_kernel_is_edited(tmp_path):
     assert wrong[0] != first[0]
     plain = run(**variables, HELIOSWEEP_PURE_PYTHON="1")
     assert plain == (pytest.approx(wrong[0], rel=1e-13), 0, 0)
+
+
+@pytest.mark.skipif(compiled.PURE_PYTHON, reason="nothing is compiled")
+def test_users_without_a_home_folder_compile_without_a_cache(monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", "~no-such-user")
+    monkeypatch.setattr(compiled, "UNCACHED", [])
+    assert compiled.kernel(lambda value: 2.0 * value)(1.5) == 3.0
+    assert compiled.UNCACHED == ["<lambda>"]

@@ -122,10 +122,11 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     else:
         part = make(function, no_cpython_wrapper=True, _nrt=True, **options)
         config: Any = numba.config
-        before, config.CACHE_DIR = config.CACHE_DIR, str(cache_folder())
+        before = config.CACHE_DIR
         try:
+            config.CACHE_DIR = str(cache_folder())
             whole = make(function, cache=True, _nrt=True, **options)
-        except RuntimeError:  # no cache folder is writable
+        except RuntimeError:  # no cache folder is writable, or the user has no home folder
             UNCACHED.append(function.__name__)
             whole = make(function, _nrt=True, **options)
         finally:

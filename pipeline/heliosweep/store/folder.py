@@ -136,7 +136,7 @@ def is_locked(folder: Path) -> bool:
     if not path.is_file():
         return False
     try:
-        with FileLock(path, timeout=0, mode=0o666):
+        with FileLock(path, timeout=0.1, mode=0o666):  # another process may ask at the same time
             return False
     except Timeout:
         return True
