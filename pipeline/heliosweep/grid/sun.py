@@ -16,7 +16,6 @@ from heliosweep.config import (
     Study,
     SunDirections,
     Sweep,
-    WeatherFile,
     WeatherTime,
     parse_timezone,
     places_of,
@@ -116,26 +115,6 @@ def solar_instants(time: SolarTime) -> Instants:
     )
 
 
-def weather_intervals(files: Sequence[WeatherFile], dim: str) -> Instants:
-    """Return the intervals of weather files. The intervals of several files are along the dimension `dim`.
-
-    The labels are ``utc``, the midpoint of each interval, and ``hours``, the length of each interval [h]. The labels
-    are along ``time`` if they are equal for all files. Otherwise the labels are along (`dim`, ``time``), with NaT at
-    the end of shorter files.
-    """
-    dims, utc = _table([file.utc for file in files], dim)
-    if len(dims) == 1 and any(file.hours != files[0].hours for file in files):
-        dims, utc = (dim, "time"), np.stack([file.utc for file in files])
-    hours = np.where(np.isnat(utc), 0.0, files[0].hours if len(dims) == 1 else [[file.hours] for file in files])
-    middle = {
-        "long_name": "universal time",
-        "comment": "middle of the interval of the weather file, in the year of the file",
-    }
-    length = {"long_name": "length of the interval", "units": "h"}
-    labels = {"utc": xr.Variable(dims, utc, middle), "hours": xr.Variable(dims, hours, length)}
-    return Instants(labels, "weather", dim)
-
-
 def _table(rows: Sequence[NDArray[np.datetime64]], dim: str) -> tuple[tuple[str, ...], NDArray[np.datetime64]]:
     """Return the dimensions and values of a table of instants: one row if all rows are equal, otherwise padded rows."""
     if all(np.array_equal(row, rows[0]) for row in rows):
@@ -211,7 +190,18 @@ def instants_of(grid: Parameters) -> Instants:
         return solar_instants(time)
     if isinstance(time, WeatherTime):
         dim = next((dim.name for dim in grid.study.dimensions() if "weather.file" in dim.sweeps), "site")
-        return weather_intervals(weather_of(grid.study), dim).isel({dim: grid.part(dim)})
+        # The labels are along `time` if they are equal for all files, and otherwise along `dim` and `time`.
+        files = weather_of(grid.study)
+        dims, utc = _table([file.utc for file in files], dim)
+        if len(dims) == 1 and any(file.hours != files[0].hours for file in files):
+            dims, utc = (dim, "time"), np.stack([file.utc for file in files])
+        hours = np.where(np.isnat(utc), 0.0, files[0].hours if len(dims) == 1 else [[file.hours] for file in files])
+        middle = "middle of the interval of the weather file, in the year of the file"
+        labels = {
+            "utc": xr.Variable(dims, utc, {"long_name": "universal time", "comment": middle}),
+            "hours": xr.Variable(dims, hours, {"long_name": "length of the interval", "units": "h"}),
+        }
+        return Instants(labels, "weather", dim).isel({dim: grid.part(dim)})
     # Generate instants for all sites, because their number and dimensions must not depend on the region.
     return civil_instants(time, Parameters(grid.study).timezones()).isel({"site": grid.part("site")})
 
@@ -245,9 +235,9 @@ def sun_attributes(
 def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
     """Return unit vectors to the sun at one site, shape (time, 3): east, north, up; NaN for padded instants. [1]
 
-    For weather files, the directions are computed at the midpoints from `lit_middles`. `place` contains the values of
-    `PLACE`, each of which may be None: latitude (positive north) and longitude (positive east) [deg], altitude [m], and
-    for given sun directions the azimuth (clockwise from north) and elevation [deg].
+    For weather files, the directions are computed at the midpoints of the sunlit intervals. `place` contains the
+    values of `PLACE`, each of which may be None: latitude (positive north) and longitude (positive east) [deg],
+    altitude [m], and for given sun directions the azimuth (clockwise from north) and elevation [deg].
     """
     latitude, longitude, altitude, azimuth, elevation = (np.nan if one is None else float(one) for one in place)
     labels = {name: label.values for name, label in instants.labels.items()}
@@ -263,23 +253,19 @@ def sun_at(instants: Instants, place: Sequence[float | None]) -> np.ndarray:
 
 
 @lru_cache(4)
-def _lit_vectors(utc: bytes, hours: bytes, place: tuple[float, float, float]) -> np.ndarray:
-    return sun_vectors(lit_middles(np.frombuffer(utc, "datetime64[ns]"), np.frombuffer(hours), *place), *place)
+def _lit_vectors(midpoints: bytes, lengths: bytes, place: tuple[float, float, float]) -> np.ndarray:
+    """Return unit vectors to the sun at the midpoint of each interval of a weather file.
 
-
-def lit_middles(
-    utc: NDArray[np.datetime64], hours: NDArray[np.float64], latitude: float, longitude: float, altitude: float
-) -> NDArray[np.datetime64]:
-    """Return the midpoint of each interval, or of the sunlit part of an interval with sunrise or sunset.
-
-    The arguments `utc` and `hours` contain the midpoints and the lengths of the intervals, shape (T,). Sunrise and
-    sunset are computed to within a millisecond, for the sun's centre without refraction.
+    In an interval with sunrise or sunset, the midpoint of the sunlit part is used. The arguments are the bytes of the
+    midpoints and of the lengths of the intervals. Sunrise and sunset are computed to within a millisecond, for the
+    sun's centre without refraction.
     """
+    utc, hours = np.frombuffer(midpoints, "datetime64[ns]"), np.frombuffer(lengths)
     half = (hours * 1.8e12).astype("timedelta64[ns]")
     starts, ends = utc - half, utc + half
 
     def up(times: NDArray[np.datetime64]) -> Any:
-        return sun_vectors(times, latitude, longitude, altitude)[:, 2] > 0
+        return sun_vectors(times, *place)[:, 2] > 0
 
     before = up(starts)
     edge = np.flatnonzero(before != up(ends))
@@ -291,7 +277,7 @@ def lit_middles(
         lit, dark = np.where(risen, middle, lit), np.where(risen, dark, middle)
     middles = utc.copy()
     middles[edge] = lit + (bright - lit) // 2
-    return middles
+    return sun_vectors(middles, *place)
 
 
 #: Study keys that affect the sun at a site, in the order that `sun_at` uses.

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import Floats, inline, kernel
-from heliosweep.kernels.vectors import Vector, cross, dot, minus, mixed, scaled, unit
+from heliosweep.kernels.vectors import Vector, cross, dot, minus, mixed, scaled, three, unit
 
 Matrix = tuple[Vector, Vector, Vector]
 #: Kinds of mounts. `AZIMUTH_ELEVATION`: Mount with a vertical primary axis.
@@ -96,21 +96,6 @@ def times(m: Matrix, v: Vector) -> Vector:
 def back(m: Matrix, v: Vector) -> Vector:
     """Return the product of the transpose of a matrix and a vector."""
     return mixed(1.0, mixed(v[0], m[0], v[1], m[1]), v[2], m[2])
-
-
-@inline
-def tilt_matrix(east: float, north: float) -> Matrix:
-    """Return the matrix Rtilt of the rotation by the vector (east, north, 0) [rad], accurate for any length."""
-    square = east * east + north * north
-    half = 0.5 * math.sqrt(square)
-    u = math.sin(2.0 * half) / (2.0 * half) if half > 0.0 else 1.0
-    v = 0.5 * (math.sin(half) / half) ** 2 if half > 0.0 else 0.5
-    xy = v * east * north
-    return (
-        (1.0 - v * north * north, xy, u * north),
-        (xy, 1.0 - v * east * east, -u * east),
-        (-u * north, u * east, 1.0 - v * square),
-    )
 
 
 @inline
@@ -283,7 +268,17 @@ def six(errors):
 @inline
 def mount_of(errors, frame, to_target, offsets) -> Mount:
     """Return a mount from six errors [rad], the rows of its frame, its aim point [m] and its three offsets [m]."""
-    tilt = tilt_matrix(errors[2], errors[3])
+    east, north = errors[2], errors[3]
+    square = east * east + north * north
+    half = 0.5 * math.sqrt(square)
+    u = math.sin(2.0 * half) / (2.0 * half) if half > 0.0 else 1.0
+    v = 0.5 * (math.sin(half) / half) ** 2 if half > 0.0 else 0.5
+    xy = v * east * north
+    tilt = (  # matrix Rtilt of the rotation by the vector (east, north, 0), accurate for any length
+        (1.0 - v * north * north, xy, u * north),
+        (xy, 1.0 - v * east * east, -u * east),
+        (-u * north, u * east, 1.0 - v * square),
+    )
     first, second, third = (
         back(tilt, (frame[0][0], frame[1][0], frame[2][0])),
         back(tilt, (frame[0][1], frame[1][1], frame[2][1])),
@@ -500,12 +495,6 @@ class Mounts(NamedTuple):
         made = np.full((len(rows[0]), count), math.nan)
         fill(*(np.array(each, np.float64, order="C") for each in (*rows, self.offsets)), made)
         return made.reshape(*shape, count)
-
-
-@inline
-def three(row) -> Vector:
-    """Return a row of three numbers as scalars, which numba passes in registers."""
-    return row[0], row[1], row[2]
 
 
 @kernel

@@ -3,7 +3,7 @@
 Jose's generalised formula [1]_, [2]_ is B = A + (1 - A) sqrt(1 - u^xi) with u = eps / eps_max. Every analytic profile
 here is a cubic in c = sqrt(1 - u^xi), and Jose's formula is the linear case. A tabulated profile has nodes at equal
 steps of eps and is linear between its nodes. Renderers use the profile itself, which is exactly 0 outside the disc
-(`rendered`). Reconstructions need a slope everywhere, so they continue the profile by its tangent at 0.9995 eps_max.
+(`render`). Reconstructions need a slope everywhere, so they continue the profile by its tangent at 0.9995 eps_max.
 
 References
 ----------
@@ -94,21 +94,6 @@ def brightness(profile, square):
     value = profile.c0 + c * (profile.c1 + c * (profile.c2 + c * profile.c3))
     along = profile.c1 + c * (2.0 * profile.c2 + c * (3.0 * profile.c3))
     return value, -along * profile.power * drop / (2.0 * c * square)
-
-
-@inline
-def rendered(profile, square):
-    """Return the brightness [1] at a squared angle from the disc centre [rad^2], exactly 0 outside the disc."""
-    if square > profile.radius * profile.radius:
-        return 0.0
-    if profile.table.size > 0:
-        place = math.sqrt(square) / profile.step
-        cell = min(int(place), profile.table.size - 2)
-        return profile.table[cell] + (place - cell) * (profile.table[cell + 1] - profile.table[cell])
-    # exp(log) takes half the time of a power
-    drop = math.exp(0.5 * profile.power * math.log(square / (profile.radius * profile.radius)))
-    c = math.sqrt(max(1.0 - drop, 0.0))
-    return profile.c0 + c * (profile.c1 + c * (profile.c2 + c * profile.c3))
 
 
 def inverse_squares(profile: Profile, values: Floats) -> Floats:
@@ -262,10 +247,10 @@ def smoothed(profile: Profile, nodes: float) -> Profile:
 def smooth_fit(profile: Profile) -> Profile:
     """Fit a cubic in sqrt(1 - u^xi) to the nodes of a table by least squares; xi is the `power` of the profile."""
     table, power = profile.table, profile.power
-    c = _limb_cosine(np.linspace(0.0, 1.0, table.size), power)
+    c = np.sqrt(1.0 - np.linspace(0.0, 1.0, table.size) ** power)
     fit, *_ = np.linalg.lstsq(np.stack((np.ones_like(c), c, c**2, c**3), axis=1), table, rcond=None)
     c0, c1, c2, c3 = map(float, fit)
-    c = _limb_cosine(np.linspace(0.0, 1.0, 1025), power)
+    c = np.sqrt(1.0 - np.linspace(0.0, 1.0, 1025) ** power)
     curve = c0 + c * (c1 + c * (c2 + c * c3))
     return analytic((c0, c1, c2, c3), profile.radius, power, falling_envelope(curve))
 
@@ -282,10 +267,6 @@ def normal_draws(seed: int, stream: int, count: int) -> Floats:
     uniform = ((raw >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52  # exact, and never 0 or 1
     length, turn = np.sqrt(-2.0 * np.log(uniform[0::2])), 2.0 * np.pi * uniform[1::2]
     return np.stack((length * np.cos(turn), length * np.sin(turn)), axis=1).ravel()[:count]
-
-
-def _limb_cosine(u: Floats, power: float) -> Floats:
-    return np.sqrt(1.0 - u**power)
 
 
 #: Width of the zone at the limb in which pixels contain both disc and sky. [pixels]
@@ -338,7 +319,7 @@ def disc_profile(image: ArrayLike) -> SunDisc:
         values = inner[number == node]
         table[node] = np.median(values) if values.size >= 5 else math.nan
     u = np.linspace(0.0, 1.0, nodes)
-    c = _limb_cosine(u, POWER)
+    c = np.sqrt(1.0 - u**POWER)
     good = np.isfinite(table)
     if np.count_nonzero(good) < 8:
         raise ValueError("shows too few usable pixels of the disc")

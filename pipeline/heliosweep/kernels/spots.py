@@ -89,10 +89,9 @@ from heliosweep.kernels.mounts import (
     mount_frame,
     mount_of,
     six,
-    three,
     trace,
 )
-from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixed, scaled, turning
+from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixed, scaled, three, turning
 
 #: Error sources. `CANTING`: The facet is rotated about its fixed centre.
 #: `ENCODER`: The mirror rotates about its pivot. `TILT`: The pedestal rotates about its base.

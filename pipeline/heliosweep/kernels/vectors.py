@@ -76,6 +76,12 @@ def next_run(start, some, lanes):
 
 
 @inline
+def three(row) -> Vector:
+    """Return three numbers of an array as scalars, because loops that load them at each step are not vectorised."""
+    return row[0], row[1], row[2]
+
+
+@inline
 def dot(a: Vector, b: Vector) -> float:
     """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

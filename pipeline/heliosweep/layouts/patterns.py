@@ -42,6 +42,8 @@ MOST_PLACES = 4 * MAX_HELIOSTATS
 #: Relative shortfall of a distance that is treated as a rounding error.
 WIDEST_SPACING, ROUNDING = 1.7, 1e-12
 
+#: Radius of a ring [m], and azimuths clockwise from north, negative in the west. [deg]
+Ring: TypeAlias = tuple[float, Floats]
 #: Pattern positions x and y within a radius [m], values that order the positions for selection, and layout columns.
 Places: TypeAlias = tuple[Floats, Floats, NDArray[Any], dict[str, NDArray[Any]]]
 
@@ -217,31 +219,24 @@ def radial_stagger(
     extent = next((key for key, value in (("zones", zones), ("rings", rings)) if value), "clearance")
 
     def places(radius: float) -> Places:
-        field, count = list[_Ring](), 0
+        field, count = list[Ring](), 0
         sequence = _given_zones(clearance, zones) if zones else _automatic_zones(clearance, start, spacing)
         for ring in islice(sequence, rings):
-            if ring.radius > radius:
+            if ring[0] > radius:
                 break
             field.append(ring)
-            count += ring.azimuths.size
+            count += ring[1].size
             _check_count(count, extent, most)
-        sizes = np.array([ring.azimuths.size for ring in field], np.int64)
-        azimuth = np.concatenate([np.empty(0), *(ring.azimuths for ring in field)])
+        sizes = np.array([azimuths.size for _, azimuths in field], np.int64)
+        azimuth = np.concatenate([np.empty(0), *(azimuths for _, azimuths in field)])
         number = np.repeat(np.arange(1, len(field) + 1), sizes)
-        distance = np.repeat([ring.radius for ring in field], sizes)
+        distance = np.repeat([far for far, _ in field], sizes)
         # The east and west sides are exactly symmetric. The eastern heliostat of a pair comes first.
         x, y = distance * np.sin(np.radians(azimuth)), distance * np.cos(np.radians(azimuth))
         return x, y, 360.0 * number + abs(azimuth), {"ring": number, "azimuth": azimuth % 360}
 
     reach = math.sqrt(start**2 + 0.4 * (heliostats or 0) * clearance**2) + 2 * clearance
     return _cut("radial_stagger", places, reach, 0.0, heliostats, region)
-
-
-class _Ring(NamedTuple):
-    """Radius of a ring [m], and azimuths clockwise from north, negative in the west. [deg]"""
-
-    radius: float
-    azimuths: Floats
 
 
 def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | None) -> None:
@@ -264,7 +259,7 @@ def _check_rings(clearance: float, inner_radius: float, zones: Sequence[Zone] | 
         raise StudyError(problems)
 
 
-def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
+def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[Ring]:
     nearest = -math.inf
     for index, zone in enumerate(zones):
         if zone.start < nearest * (1 - ROUNDING):
@@ -273,7 +268,7 @@ def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
             raise StudyError(Problem(message, f"zones.{index}.start"))
         count, rings = 0, _zone(clearance, zone.start, *_pitch(clearance, zone.start, zone.pitch))
         for ring in islice(rings, zone.rings):
-            nearest, count = ring.radius + clearance, count + 1
+            nearest, count = ring[0] + clearance, count + 1
             yield ring
         if count < zone.rings:
             message = f"only {count} of {zone.rings} rings fit before another heliostat would fit between neighbours; "
@@ -281,7 +276,7 @@ def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[_Ring]:
             raise StudyError(Problem(message, f"zones.{index}.rings"))
 
 
-def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[_Ring]:
+def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[Ring]:
     """Yield rings as long as the spacing rule (if any) is defined. A new zone starts if gaps are too wide."""
     delsol = spacing is not None and spacing.rule == "delsol"
     while spacing is None or spacing.reaches(start):
@@ -292,15 +287,15 @@ def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) ->
             closed = max(1, math.floor(360 / finest * (1 + ROUNDING)))
             pitch = 360 / closed
         outermost = start
-        for ring in _zone(clearance, start, pitch, closed, spacing):
+        for radius, azimuths in _zone(clearance, start, pitch, closed, spacing):
             if spacing is None:
-                wide = 2 * ring.radius * math.sin(math.radians(pitch) / 2) > WIDEST_SPACING * clearance
+                wide = 2 * radius * math.sin(math.radians(pitch) / 2) > WIDEST_SPACING * clearance
             else:
-                wide = ring.radius > widest or not spacing.reaches(ring.radius)
+                wide = radius > widest or not spacing.reaches(radius)
             if wide:
                 break
-            outermost = ring.radius
-            yield ring
+            outermost = radius
+            yield radius, azimuths
         slip = 0.0 if spacing is None else spacing.step(outermost) * (1 if delsol else 2)
         start = outermost + max(clearance, slip)
 
@@ -319,43 +314,34 @@ def _pitch(clearance: float, start: float, given: float | None = None) -> tuple[
 
 def _zone(
     clearance: float, start: float, pitch: float, closed: int | None, spacing: Spacing | None = None
-) -> Iterator[_Ring]:
-    """Yield the rings of a zone until another heliostat fits between neighbours, or endlessly if `spacing` is given."""
-    half = math.radians(pitch) / 2
-    before, ring, staggered = -math.inf, _Ring(start, np.empty(0)), False
+) -> Iterator[Ring]:
+    """Yield the rings of a zone until another heliostat fits between neighbours, or endlessly if `spacing` is given.
+
+    Each ring is filled from north on both sides. A closed ring has equal angular steps. An open ring has a gap in the
+    south that may contain one heliostat. Only the previous ring can be too close, because earlier rings are at least
+    one clearance further in. Staggering ensures the distance to the previous ring, even across the gap, except for a
+    heliostat due south in either ring.
+    """
+    half, radius, azimuths = math.radians(pitch) / 2, start, np.empty(0)
+    before, staggered = -math.inf, False
     while True:
-        radius = ring.radius
-        ring = _ring(radius, pitch, closed, staggered, clearance, before, ring.azimuths)
-        yield ring
+        first = 0.5 if staggered else 1.0
+        if closed is not None:
+            sides = (np.arange(closed // 2 if staggered else (closed - 1) // 2) + first) * pitch
+            south = staggered == (closed % 2 == 1)
+        else:
+            apart, last = _angle_apart(radius, radius, clearance), azimuths.max(initial=0.0)
+            from_previous = _angle_apart(radius, before, clearance) if azimuths.size else 0.0
+            gap = max(apart / 2, from_previous if last == 180.0 else 0.0)
+            sides = (np.arange(math.floor((180 - gap) / pitch + 1 - first)) + first) * pitch
+            south = 180 - sides.max(initial=0.0) >= apart and 180 - last >= from_previous
+        azimuths = np.concatenate([[0.0] * (not staggered), sides, [180.0] * int(south), -sides[::-1]])
+        yield radius, azimuths
         if spacing is None and 2 * radius * math.sin(half / 2) >= clearance:
             return
         touching = radius * math.cos(half) + math.sqrt(max(clearance**2 - (radius * math.sin(half)) ** 2, 0.0))
         further = -math.inf if spacing is None else radius + spacing.step(radius)
-        ring = _Ring(max(touching, before + clearance, further), ring.azimuths)
-        before, staggered = radius, not staggered
-
-
-def _ring(
-    radius: float, pitch: float, closed: int | None, staggered: bool, clearance: float, before: float, previous: Floats
-) -> _Ring:
-    """Return a ring filled from north on both sides, starting at half a pitch if `staggered` is True.
-
-    A closed ring has equal angular steps. An open ring has a gap in the south that may contain one heliostat. Only the
-    previous ring can be too close, because earlier rings are at least one clearance further in. The radius and the
-    azimuths of the previous ring are `before` and `previous`. Staggering ensures the distance to the previous ring,
-    even across the gap, except for a heliostat due south in either ring.
-    """
-    first = 0.5 if staggered else 1.0
-    if closed is not None:
-        sides = (np.arange(closed // 2 if staggered else (closed - 1) // 2) + first) * pitch
-        south = staggered == (closed % 2 == 1)
-    else:
-        apart, last = _angle_apart(radius, radius, clearance), previous.max(initial=0.0)
-        from_previous = _angle_apart(radius, before, clearance) if previous.size else 0.0
-        gap = max(apart / 2, from_previous if last == 180.0 else 0.0)
-        sides = (np.arange(math.floor((180 - gap) / pitch + 1 - first)) + first) * pitch
-        south = 180 - sides.max(initial=0.0) >= apart and 180 - last >= from_previous
-    return _Ring(radius, np.concatenate([[0.0] * (not staggered), sides, [180.0] * int(south), -sides[::-1]]))
+        radius, before, staggered = max(touching, before + clearance, further), radius, not staggered
 
 
 def _angle_apart(radius: float, other: float, distance: float) -> float:

@@ -96,7 +96,15 @@ class Layouts:
             given |= {key: int(given[key]) for key in ("rings", "heliostats") if given.get(key) is not None}
             if self._spaced:
                 given["spacing"] = self._spacing(given["spacing"], given["inner_radius"], values)
-            return self._raised(_generated(self._kind, self._region(values, of), **given), of)
+            layout, terrain = _generated(self._kind, self._region(values, of), **given), self.block.terrain
+            if terrain is None:
+                return layout
+            if terrain.file is None:
+                z = slope_heights(layout.x, layout.y, of("terrain.slope"), of("terrain.azimuth"))
+            else:
+                heights = read_heights(self._study.resolve(terrain.file), self.block.origin or AT_TOWER)
+                z = heights_at(heights, terrain.file, layout.x, layout.y)
+            return replace(layout, z=z + 0.0)
         except StudyError as error:
             raise StudyError([self._located(file, problem) for problem in error.problems]) from None
 
@@ -164,28 +172,25 @@ class Layouts:
 
     def _use(self, name: str) -> str | None:
         """Return the reason why the study does not use a layout property, or None if the study uses it."""
-        wanted = PROPERTIES[name]
+        wanted, study = PROPERTIES[name], self._study
         block, _, key = wanted.key.partition(".")
-        if "optics" not in type(self._study).model_fields:
-            return f"the family {self._study.family_name()} has no such key"
-        if wanted.optical and getattr(self._study, "optics", None) is None:
-            return "'optics' is not set"
-        parent: Any = getattr(self._study, block or "optics")
-        given = getattr(parent, key, None) if key else None
-        if given == LAYOUT:
-            return None
-        if block == "aim":
-            return "'aim.strategy' is not 'layout'"
-        if block and parent is None:
-            return f"'{block}' is not set"
-        if given is not None:
-            return f"'{wanted.key}' applies to all heliostats: remove it to use the column"
+        parent: Any = getattr(study, block or "optics", None)
+        given = getattr(parent, key or "-", None)
         instead = {
             "slope_error": ("slope_map", "slope_error_horizontal", "slope_error_vertical"),
             "cleanliness": ("cleanliness_by_month",),
         }
-        others = (other for other in instead.get(name, ()) if getattr(parent, other) is not None)
-        return next((f"'optics.{other}' applies to all heliostats" for other in others), None)
+        other = next((other for other in instead.get(name, ()) if getattr(parent, other, None) is not None), None)
+        reasons = (
+            ("optics" not in type(study).model_fields, f"the family {study.family_name()} has no such key"),
+            (wanted.optical and getattr(study, "optics", None) is None, "'optics' is not set"),
+            (given == LAYOUT, None),
+            (block == "aim", "'aim.strategy' is not 'layout'"),
+            (block and parent is None, f"'{block}' is not set"),
+            (given is not None, f"'{wanted.key}' applies to all heliostats: remove it to use the column"),
+            (other, f"'optics.{other}' applies to all heliostats"),
+        )
+        return next((reason for applies, reason in reasons if applies), None)
 
     def remarks(self) -> Iterator[str]:
         """Yield warnings about columns that do not affect results, and about ground keys that exclude no heliostat."""
@@ -230,17 +235,6 @@ class Layouts:
             if wrong:
                 raise StudyError(Problem(message, f"radial_stagger.{key}"))
         return spacing
-
-    def _raised(self, layout: Layout, of: Callable[[str], Any]) -> Layout:
-        terrain = self.block.terrain
-        if terrain is None:
-            return layout
-        if terrain.file is None:
-            z = slope_heights(layout.x, layout.y, of("terrain.slope"), of("terrain.azimuth"))
-        else:
-            heights = read_heights(self._study.resolve(terrain.file), self.block.origin or AT_TOWER)
-            z = heights_at(heights, terrain.file, layout.x, layout.y)
-        return replace(layout, z=z + 0.0)
 
     def _located(self, file: str | None, problem: Problem) -> Problem:
         """Add the study key to a problem, unless the problem refers to a line or only counts other problems."""

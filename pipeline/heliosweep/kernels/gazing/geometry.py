@@ -49,8 +49,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
-from heliosweep.kernels.profiles import Profile, normal_draws, rendered
+from heliosweep.kernels.compiled import Floats, Integers, inline
+from heliosweep.kernels.profiles import Profile, normal_draws, render
 
 #: Referentials: indices of the matrices that `transfers` returns.
 NONE, ROLL, EXACT = 0, 1, 2
@@ -169,10 +169,8 @@ def in_space(places: Floats, tilt: float, face: float) -> Floats:
 
 def in_line(places: Floats) -> bool:
     """Return True if points in a plane, shape (K, 2), are collinear within one millionth of their spread."""
-    spread = places - places.mean(axis=0)
-    spread /= np.abs(spread).max() or 1.0  # avoids overflow of squares of large coordinates
-    yy, yz, zz = np.sum(spread[:, 0] ** 2), np.sum(spread[:, 0] * spread[:, 1]), np.sum(spread[:, 1] ** 2)
-    return not yy * zz - yz * yz > 1e-12 * (yy + zz) ** 2
+    widest, narrowest = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+    return not narrowest > 1e-6 * widest
 
 
 def scene(
@@ -346,12 +344,6 @@ def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
 
 
 @inline
-def row_of(vector: Floats) -> tuple[float, float, float]:
-    """Return a row of a scene as scalars, because loops that load the row at each pixel are not vectorised."""
-    return vector[0], vector[1], vector[2]
-
-
-@inline
 def mirror_offsets(
     a: float, b: float, rx: float, ry: float, rz: float, sun_y: Row, sun_z: Row
 ) -> tuple[float, float, float, float, float, float]:
@@ -521,16 +513,7 @@ def image_set(
     depth = np.sqrt(radius * radius - away[0] * away[0] - away[1] * away[1])
     normals = away / depth + (0.0 if wavy is None else wavy)
     v, w, *_ = offsets(layout, np.stack((ball_x - depth, *grid.pixels)), *normals)
-    return _render(profile, v * v + w * w), normals - ideal_mirror(layout.focal_length, *grid.pixels)[1:]
-
-
-@kernel
-def _render(profile: Profile, squares: Floats) -> Floats:
-    """Return the brightness of the disc at squared angles from its centre [rad^2], with the shape of `squares`. [1]"""
-    out = np.empty(squares.size)
-    for k, square in enumerate(squares.flat):
-        out[k] = rendered(profile, square)
-    return out.reshape(squares.shape)
+    return render(profile, np.sqrt(v * v + w * w)), normals - ideal_mirror(layout.focal_length, *grid.pixels)[1:]
 
 
 def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, pinhole: bool = False) -> Floats:
@@ -626,8 +609,12 @@ def camera_set(
                     for each, at in zip(ends.T, centre[::-1], strict=True))  # fmt: skip
             ray = np.tensordot(axes.T, np.stack(np.broadcast_arrays(u, v[:, np.newaxis], 1.0)), 1)
             ray /= np.sqrt(np.sum(ray**2, axis=0))
-            path, own = _hits(ray, eye - ball[:3], ball[3], turn, pivot)
+            # The path of a ray to the concave side of the sphere is NaN if the ray misses the sphere.
+            off, radius = eye - ball[:3], ball[3]
+            middle = np.tensordot(off, ray, 1)
             with np.errstate(invalid="ignore"):
+                path = np.sqrt(middle * middle - off @ off + radius * radius) - middle
+                own = np.tensordot(turn.T[1:], path * ray - pivot[:, np.newaxis, np.newaxis], 1)
                 inside = (path < nearest[here]) & (np.abs(own) <= half[:, np.newaxis, np.newaxis]).all(axis=0)
             ray, path, own = ray[:, inside], path[inside], own[:, inside] + before[1:, np.newaxis]
             normal = ball[:3, np.newaxis] - eye[:, np.newaxis] - path * ray
@@ -635,20 +622,8 @@ def camera_set(
             if mirror.waves:
                 slopes = slopes + _between(*mirror.waves[m], own)
             y, z, *_ = mirror_offsets(*slopes, *-ray, layout.sun_y, layout.sun_z)
-            image[here][inside], nearest[here][inside] = _render(profile, y * y + z * z), path
+            image[here][inside], nearest[here][inside] = render(profile, np.sqrt(y * y + z * z)), path
     return images.reshape(len(images), shape[0], supersampling, shape[1], supersampling).mean(axis=(2, 4))
-
-
-def _hits(ray: Floats, ball: Floats, radius: float, turn: Floats, pivot: Floats) -> tuple[Floats, Floats]:
-    """Return the lengths of rays to the concave side of a sphere, and y and z of the intersections on the module [m].
-
-    `ball` is the vector from the sphere's centre to the camera, and `pivot` the vector from the camera to the module's
-    centre. The length of a ray that misses the sphere is NaN.
-    """
-    half = np.tensordot(ball, ray, 1)
-    with np.errstate(invalid="ignore"):
-        path = np.sqrt(half * half - ball @ ball + radius * radius) - half
-    return path, np.tensordot(turn.T[1:], path * ray - pivot[:, np.newaxis, np.newaxis], 1)
 
 
 def _between(slopes: Floats, corner: tuple[float, float, float], places: Floats) -> Floats:

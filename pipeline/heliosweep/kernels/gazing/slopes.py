@@ -56,10 +56,10 @@ from heliosweep.kernels.gazing.geometry import (
     ideal_mirror,
     mirror_offsets,
     offsets,
-    row_of,
     unit,
 )
 from heliosweep.kernels.profiles import Profile, brightness, inverse_squares, smooth_fit, smoothed
+from heliosweep.kernels.vectors import three
 
 Flags = NDArray[np.uint8]
 #: Flags of a pixel. `NOT_CONVERGED`: The search ended before convergence. `UNLIT`: Fewer than 3 cameras are lit.
@@ -239,7 +239,7 @@ def _fit(
     """
     cameras = images.shape[0]
     rays, bright, rows, simplex = np.empty((cameras, 3)), np.empty(cameras), np.empty((cameras, 3)), np.empty((5, 3))
-    sun_y, sun_z = row_of(layout.sun_y), row_of(layout.sun_z)
+    sun_y, sun_z = three(layout.sun_y), three(layout.sun_z)
     for n in range(images.shape[1]):
         y, z, count = pixels[0, n], pixels[1, n], np.int64(0)  # a literal 0 would compile callees twice
         x, a, b = (0.0, 0.0, 0.0) if wavefront else ideal_mirror(layout.focal_length, y, z)
@@ -594,11 +594,23 @@ def module_estimates(
     level, along, across, level_variance, variance, covariance, across_variance, waviness, shared = np.moveaxis(
         np.array(planes), 0, -1
     )
-    inflation = _inflation(shared)[:, np.newaxis]
+    seen = np.isfinite(shared[0])
+    # The ratio of the block variance to the variance expected for independent pixels is 1 unless it is significant.
+    # A fitted plane reduces the degrees of freedom of the blocks by three.
+    ratio = np.mean(shared[:, seen], axis=1) if seen.any() else np.ones(2)
+    chance = math.sqrt(2.0 / (max(np.count_nonzero(seen), 1) * (_BLOCKS * _BLOCKS - 3.0)))
+    inflation = np.where(ratio > 1.0 + 2.0 * chance, ratio, 1.0)[:, np.newaxis]
     level_variance, variance, covariance, across_variance = (
         inflation * each for each in (level_variance, variance, covariance, across_variance)
     )
-    weight, bend, bend_error = _pooled(along, variance)
+    good = np.isfinite(along) & np.isfinite(variance)
+    certain = not np.all(variance[good] > 0.0)
+    with np.errstate(all="ignore"):
+        weight = np.where(good, 1.0 if certain else 1.0 / variance, 0.0)  # of the modules in the common curvature
+        total = float(np.sum(weight)) or math.nan
+        weight = weight / total
+    bend = float(np.sum(weight[good] * along[good])) if good.any() else math.nan
+    bend_error = 0.0 if certain else 1.0 / math.sqrt(total)
     length = 1.0 / (1.0 / focal_length - 2.0 * bend) if math.isfinite(bend) else math.nan
     pointing, pointing_error = np.full(2, math.nan), np.full(2, math.nan)
     canting_error, known = np.full_like(level, math.nan), np.isfinite(level[0])
@@ -643,33 +655,6 @@ def _principal(
         turn = (c * s * along_variance.sum(axis=0) + (c - s) ** 2 * shear) / (4.0 * half**2)
         error = 2.0 * principal**2 * np.sqrt(errors)
     return {"principal": principal, "principal_error": error, "axis": axis, "axis_error": np.sqrt(turn)}
-
-
-def _inflation(shared: Floats) -> Floats:
-    """Return, for each direction, the ratio of the block variance to the variance expected for independent pixels.
-
-    The ratio is replaced by 1 if the excess over 1 is not significant.
-    """
-    seen = np.isfinite(shared[0])
-    if not np.any(seen):
-        return np.ones(2)
-    ratio = np.mean(shared[:, seen], axis=1)
-    # A fitted plane reduces the degrees of freedom of the blocks by three.
-    chance = math.sqrt(2.0 / (np.count_nonzero(seen) * (_BLOCKS * _BLOCKS - 3.0)))
-    return np.where(ratio > 1.0 + 2.0 * chance, ratio, 1.0)
-
-
-def _pooled(values: Floats, variances: Floats) -> tuple[Floats, float, float]:
-    """Return inverse-variance weights (equal if one variance is 0), the weighted mean and its standard error."""
-    weight = np.zeros_like(values)
-    good = np.isfinite(values) & np.isfinite(variances)
-    if not np.any(good):
-        return weight, math.nan, math.nan
-    certain = not np.all(variances[good] > 0.0)
-    weight[good] = 1.0 if certain else 1.0 / variances[good]
-    total = float(np.sum(weight))
-    weight /= total
-    return weight, float(np.sum(weight[good] * values[good])), 0.0 if certain else 1.0 / math.sqrt(total)
 
 
 def _plane(slopes: Floats, noise: Floats, offset: Floats, size: Floats) -> Floats:
