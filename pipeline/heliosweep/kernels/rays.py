@@ -26,7 +26,7 @@ from heliosweep.kernels.compiled import Floats, Integers, inline, inner, kernel
 from heliosweep.kernels.device import run_on_device
 from heliosweep.kernels.field import packets
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, Cells, Mirrors, by_cells, cone, search
-from heliosweep.kernels.mounts import pointing_turns
+from heliosweep.kernels.mounts import face_vectors, pointing_turns
 from heliosweep.kernels.sunshapes import SunShape, pillbox, quantile
 
 #: Receiver types: a flat rectangle that is lit from one side, and the outside of an upright cylinder.
@@ -109,9 +109,8 @@ def rectangle(centre: tuple[float, float, float], azimuth: float, tilt: float, w
 
     The other arguments are the centre, the width and the height of the rectangle [m].
     """
-    sine, cosine = math.sin(azimuth), math.cos(azimuth)
-    upward = (-sine * math.sin(tilt), -cosine * math.sin(tilt), math.cos(tilt))
-    return Receiver(RECTANGLE, centre, (-cosine, sine, 0.0), upward, width / 2, height / 2)
+    _, across, upward = face_vectors(azimuth, tilt)
+    return Receiver(RECTANGLE, centre, across, upward, width / 2, height / 2)
 
 
 def cylinder(centre: tuple[float, float, float], radius: float, height: float) -> Receiver:

@@ -631,24 +631,20 @@ def spot_statistics(
             part = slice(first, first + step)
             values, aiming = sampled(one, ours, theirs, suns[p : p + 1, part], here, tolerances=len(wanted) > 0)
             (y, z, _, *angles), status = values[:, 0, 0], aiming[0, 0]
-            size = float(one.half_width[0]), float(one.half_height[0])
-            moments[:, p, h, part] = *_moments(y, z, status, *size), status
+            real, dark = ~np.isnan(y), np.where(status == NO_SUN, np.nan, 0.0)
+            count = np.count_nonzero(real, axis=-1)
+            inside = (np.abs(y) <= one.half_width[0]) & (np.abs(z) <= one.half_height[0])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                means = [np.sum(np.where(real, each, 0.0), axis=-1) / count for each in (y, z)]
+                off_y, off_z = (
+                    np.where(real, each - mean[:, None], 0.0) for each, mean in zip((y, z), means, strict=True)
+                )
+                products = [np.sum(a * b, axis=-1) for a, b in ((off_y, off_y), (off_z, off_z), (off_y, off_z))]
+                seconds = [np.where(count > 1, product / (count - 1), np.nan) for product in products]
+            shares = [number / y.shape[-1] + dark for number in (count, np.count_nonzero(inside, axis=-1))]
+            moments[:, p, h, part] = *means, *seconds, *shares, status
             for axis, angle in enumerate(angles):
                 # Infinite angles rank above all finite angles.
                 ranked = np.percentile(np.minimum(angle, 1e300), wanted, axis=-1).T
                 tolerance[p, h, part, :, axis] = np.where(ranked > 10.0, np.inf, ranked)
     return dict(zip(MOMENTS, moments, strict=True)) | {"tolerance": tolerance}
-
-
-def _moments(y: Floats, z: Floats, status: Floats, width: float, height: float) -> list[Floats]:
-    """Return the moments of the spots that are not NaN, and the sample fractions, in the order of `MOMENTS`."""
-    real = ~np.isnan(y)
-    count = np.count_nonzero(real, axis=-1)
-    hits = np.count_nonzero((np.abs(y) <= width) & (np.abs(z) <= height), axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean_y, mean_z = (np.sum(np.where(real, each, 0.0), axis=-1) / count for each in (y, z))
-        off_y, off_z = (np.where(real, each - mean[:, None], 0.0) for each, mean in ((y, mean_y), (z, mean_z)))
-        products = [np.sum(a * b, axis=-1) for a, b in ((off_y, off_y), (off_z, off_z), (off_y, off_z))]
-        seconds = [np.where(count > 1, product / (count - 1), np.nan) for product in products]
-    dark = np.where(status == NO_SUN, np.nan, 0.0)
-    return [mean_y, mean_z, *seconds, count / y.shape[-1] + dark, hits / y.shape[-1] + dark]

@@ -17,7 +17,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Collection, Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -161,12 +161,9 @@ class Layout:
 
     def part(self, rows: NDArray[np.int64]) -> Layout:
         """Return a layout with only the heliostats in the given rows."""
+        arrays: dict[str, Any] = {name: getattr(self, name)[rows] for name in (*_POSITION, "numbers")}
         columns = {name: values[rows] for name, values in self.columns.items()}
-        lines = None if self.lines is None else self.lines[rows]
-        return Layout(
-            self.x[rows], self.y[rows], self.z[rows], columns, self.name, lines, self.notes, self.numbers[rows],
-            self.labels,
-        )  # fmt: skip
+        return replace(self, columns=columns, lines=None if self.lines is None else self.lines[rows], **arrays)
 
     def values(self, name: str, given: float | str | None = None, otherwise: float = np.nan) -> NDArray[np.float64]:
         """Return the values of a property, one for each heliostat.
