@@ -15,7 +15,7 @@ from heliosweep.errors import StudyError
 from heliosweep.kernels.field import efficiency, packets
 from heliosweep.layouts import Layout, radial_stagger, read_csv
 from heliosweep.layouts.ground import Region
-from heliosweep.layouts.patterns import Spacing, delsol_azimuthal, delsol_radial, no_blocking_radius, rows, spiral
+from heliosweep.layouts.patterns import Spacing, rows, spiral
 
 CHONG = Path(__file__).parents[2] / "studies" / "layouts" / "chong2012.csv"
 
@@ -170,17 +170,19 @@ def test_rows_turn_with_their_azimuth():
 def test_delsol_as_published():
     # Kistler 1986, as SolarPILOT has it from the code of DELSOL3; texts print it with four digits.
     for t in np.linspace(0.1, 1.4, 14):
-        assert delsol_radial(t, 1.0) == pytest.approx(1.144 / math.tan(t) - 1.094 + 3.068 * t - 1.1256 * t**2, abs=4e-3)
-        assert delsol_azimuthal(t, 10.0) == pytest.approx(10 * (1.749 + 0.6396 * t) + 0.2873 / (t - 0.04902), abs=1e-2)
-    assert delsol_radial(0.5, 1.0) == pytest.approx(2.253786, abs=1e-6)
-    assert delsol_azimuthal(0.5, 1.0) == pytest.approx(2.132606, abs=1e-6)
+        fit = Spacing("delsol", math.tan(t), 10.0, 1.0)
+        assert 2 * fit.step(1.0) == pytest.approx(1.144 / math.tan(t) - 1.094 + 3.068 * t - 1.1256 * t**2, abs=4e-3)
+        assert fit.apart(1.0) == pytest.approx(10 * (1.749 + 0.6396 * t) + 0.2873 / (t - 0.04902), abs=1e-2)
+    fit = Spacing("delsol", math.tan(0.5), 1.0, 1.0)
+    assert 2 * fit.step(1.0) == pytest.approx(2.253786, abs=1e-6)
+    assert fit.apart(1.0) == pytest.approx(2.132606, abs=1e-6)
 
 
 def test_no_blocking_is_just_met():
     """Two mirrors on one azimuth with the sun behind the tower, seen from the farther one at the same elevation."""
     receiver, side, near = 80.0, 8.0, 150.0
-    for far, blocked in ((no_blocking_radius(near, receiver, side), False), (None, True)):
-        radius = 0.98 * no_blocking_radius(near, receiver, side) + 0.02 * near if far is None else far
+    step = Spacing("no_blocking", receiver, side, side).step(near)
+    for radius, blocked in ((near + 2 * step, False), (near + 1.96 * step, True)):
         y = np.array([near, radius])
         sun = np.array([[0.0, -radius, receiver]]) / math.hypot(radius, receiver)
         half, ground = np.full(2, side / 2), np.zeros(2)
@@ -207,13 +209,13 @@ def test_rings_keep_clearance_and_spacing(rule, clearance, inner, height, width,
     steps = np.array([spacing.step(one) for one in radius])
     assert (np.diff(radius) >= steps[:-1] * (1 - 1e-9)).all()
     if rule == "no_blocking":  # two rings on, on the same azimuth where the zone is the same
-        free = np.array([no_blocking_radius(one, receiver, height) for one in radius])
+        free = radius + 2 * steps
         assert (radius[2:] >= free[:-2] * (1 - 1e-9)).all()
     else:
         for number in np.unique(ring):
             azimuth = np.sort(layout.columns["azimuth"][ring == number])
             zone = radius[radius >= 0.7 * radius[number - 1]]  # the ring in which its zone begins is one of these
-            least = min(delsol_azimuthal(spacing.elevation(one), width) for one in zone[zone <= radius[number - 1]])
+            least = min(spacing.apart(one) for one in zone[zone <= radius[number - 1]])
             if azimuth.size > 2:
                 chord = 2 * radius[number - 1] * math.sin(math.radians(np.diff(azimuth).min()) / 2)
                 assert chord >= least * (1 - 1e-6)

@@ -54,7 +54,8 @@ class Spacing(NamedTuple):
     Parameters
     ----------
     rule : {"delsol", "no_blocking"}
-        Spacing rule; see `delsol_radial` and `no_blocking_radius`.
+        Spacing rule: the fits of DELSOL3 [2]_, or the minimum radius at which a mirror is not blocked by the mirror in
+        front of it, at the same azimuth on level ground [3]_.
     receiver : float
         Height of the receiver above the mirrors' centres. [m]
     width, height : float
@@ -67,14 +68,27 @@ class Spacing(NamedTuple):
     height: float
 
     def step(self, radius: float) -> float:
-        """Return the distance to the next ring: half the distance to the next ring with equal azimuths. [m]"""
+        """Return the distance to the next ring: half the distance to the next ring with equal azimuths. [m]
+
+        The coefficients of the fit are those in the source code of DELSOL3. Some publications misprint the coefficient
+        1.144 as 1.44, and round the other coefficients. By the no-blocking rule, the line from a mirror's centre to the
+        receiver is one mirror height away from the centre of the mirror in front.
+        """
         if self.rule == "delsol":
-            return delsol_radial(self.elevation(radius), self.height) / 2
-        return (no_blocking_radius(radius, self.receiver, self.height) - radius) / 2
+            t = self.elevation(radius)
+            return self.height * (1.1442399 / math.tan(t) - 1.093519 + 3.0683558 * t - 1.1255617 * t**2) / 2
+        h, up = self.height, self.receiver
+        further = (radius * up**2 + up * h * math.sqrt(radius**2 + up**2 - h**2)) / (up**2 - h**2)
+        return (further - radius) / 2
 
     def apart(self, radius: float) -> float:
-        """Return the minimum distance between neighbours in the first ring of a zone; 0 if the rule has none. [m]"""
-        return delsol_azimuthal(self.elevation(radius), self.width) if self.rule == "delsol" else 0.0
+        """Return the minimum distance between neighbours in the first ring of a zone; 0 if the rule has none. [m]
+
+        The last term of the fit is often printed as 0.2873 m, which applies only to mirrors 10 m wide.
+        """
+        t = self.elevation(radius)
+        fit = 1.7490871 + 0.63964099 * t + 0.028726279 / (t - 0.049023315)
+        return self.width * fit if self.rule == "delsol" else 0.0
 
     def reaches(self, radius: float) -> bool:
         """Return True if the spacing rule is defined at a radius [m]."""
@@ -83,62 +97,6 @@ class Spacing(NamedTuple):
     def elevation(self, radius: float) -> float:
         """Return the elevation of the receiver seen from a mirror. [rad]"""
         return math.atan2(self.receiver, radius)
-
-
-def delsol_radial(elevation: float, height: float) -> float:
-    """Return the distance to the next heliostat at the same azimuth, two rings further out.
-
-    Parameters
-    ----------
-    elevation : float
-        Elevation of the receiver seen from the heliostat. [rad]
-    height : float
-        Height of the mirror. [m]
-
-    Returns
-    -------
-    float
-        Distance. [m]
-
-    Notes
-    -----
-    The distance is computed from the DELSOL3 fit [2]_ with the coefficients in the DELSOL3 source code. Some
-    publications misprint the coefficient 1.144 as 1.44, and round the other coefficients.
-    """
-    return height * (1.1442399 / math.tan(elevation) - 1.093519 + 3.0683558 * elevation - 1.1255617 * elevation**2)
-
-
-def delsol_azimuthal(elevation: float, width: float) -> float:
-    """Return the distance between neighbours in a ring from the DELSOL3 fit for rectangular mirrors. [m]
-
-    The parameters are as in `delsol_radial`, but with the width of the mirror instead of the height. The last term is
-    often printed as 0.2873 m, which applies only to mirrors 10 m wide.
-    """
-    return width * (1.7490871 + 0.63964099 * elevation + 0.028726279 / (elevation - 0.049023315))
-
-
-def no_blocking_radius(radius: float, receiver: float, height: float) -> float:
-    """Return the minimum radius at which a mirror is not blocked by the mirror in front of it.
-
-    Both mirrors are at the same azimuth on level ground.
-
-    Parameters
-    ----------
-    radius : float
-        Radius of the mirror in front. [m]
-    receiver : float
-        Height of the receiver above the mirrors' centres, more than `height`. [m]
-    height : float
-        Maximum visible height of a mirror as seen from the receiver. [m]
-
-    Returns
-    -------
-    float
-        Radius at which the line from the mirror's centre to the receiver is `height` away from the centre of the mirror
-        in front. [m]
-    """
-    h, up = height, receiver
-    return (radius * up**2 + up * h * math.sqrt(radius**2 + up**2 - h**2)) / (up**2 - h**2)
 
 
 def radial_stagger(
