@@ -116,7 +116,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", 'my_field.yaml --set "site.latitude=[0, 20, 40]"'),
     ),
     "run": Command(
-        "run or resume studies; prints the path of the result, or one line for each of several studies",
+        "run or resume studies, and print the path of the result (or one line for each of several studies)",
         (
             _STUDIES,
             *_EXECUTION,
@@ -131,7 +131,7 @@ COMMANDS: dict[str, Command] = {
         ),
     ),
     "status": Command(
-        "show the state of studies and their remaining time",
+        "show the state and remaining time of studies",
         (_argument("of", nargs="*", metavar="STUDY.yaml|DIR", help="studies or result folders (default: outputs/)"),),
         ("", "my_field.yaml"),
     ),
@@ -152,7 +152,7 @@ COMMANDS: dict[str, Command] = {
             _argument(
                 "--page",
                 metavar="FILE.html",
-                help="write a page with inputs, results and differences from A; prints its path",
+                help="write a page with inputs, results and differences from A, and print its path",
             ),
             _force("replace an existing page"),
             _argument("--rtol", type=float, default=0.0, help="relative tolerance (default: 0)"),
@@ -165,7 +165,7 @@ COMMANDS: dict[str, Command] = {
         ),
     ),
     "export": Command(
-        "export a result to Excel or CSV; prints the path of the file",
+        "export a result to Excel or CSV, and print the path of the file",
         (
             _argument("source", metavar="DIR|STUDY.yaml", help=_RESULT),
             _argument("-o", "--output", metavar="FILE", help="write an .xlsx or .csv file"),
@@ -252,7 +252,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", "outputs/first --select receiver.height=90 --sam solarm=2 --sam tshours=6"),
     ),
     "weather": Command(
-        "download weather data for a location to a file for studies; prints its path",
+        "download weather data for a location, and print the path of the file",
         (
             _argument("service", choices=("pvgis", "nsrdb"), help="data service; nsrdb requires a key"),
             _argument("--latitude", type=float, required=True, metavar="DEG", help="latitude, positive north"),
@@ -283,7 +283,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", "outputs/first --format png,svg,pdf", "outputs/first --summary"),
     ),
     "pack": Command(
-        "pack a finished result into an archive for publication; prints its path",
+        "pack a finished result into an archive for publication, and print its path",
         (
             _argument("folder", metavar="DIR|STUDY.yaml", help=_RESULT),
             _argument("-o", "--output", metavar="FILE.zip", help="write this archive (default: DIR.zip)"),
@@ -295,7 +295,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", "outputs/first -o first.zip --license CC0-1.0"),
     ),
     "new": Command(
-        "write a commented study file to start from; prints its path",
+        "write a commented example study, and print its path",
         (
             _FAMILY,
             _argument("file", nargs="?", metavar="FILE.yaml", help="write this file (default: FAMILY.yaml)"),
@@ -304,12 +304,16 @@ COMMANDS: dict[str, Command] = {
         ("field_efficiency", "dish_tracking my_dish.yaml"),
     ),
     "explain": Command(
-        "explain a key of study files (unit, range, default, forms) or a variable of results",
-        (_argument("of", nargs="+", metavar="[FAMILY] KEY", help="such as receiver.height; a family lists its keys"),),
+        "explain a study key (unit, range, default, forms) or a result variable",
+        (
+            _argument(
+                "of", nargs="+", metavar="[FAMILY] KEY", help="key, such as receiver.height; a family lists its keys"
+            ),
+        ),
         ("receiver.height", "field_receiver_energy", "field_efficiency optics", "field_efficiency"),
     ),
     "examples": Command(
-        "list the shipped studies, or copy some",
+        "list the shipped studies, or copy some of them",
         (
             _argument("names", nargs="*", metavar="NAME", help="studies to copy with their input files"),
             _argument("--to", metavar="DIR", default=".", help="copy to this folder (default: current folder)"),
@@ -317,7 +321,7 @@ COMMANDS: dict[str, Command] = {
         ),
         ("", "chong2012_table2 --to studies"),
     ),
-    "setup": Command("compile all kernels now, instead of during the first studies"),
+    "setup": Command("compile all kernels now instead of during the first run"),
     "schema": Command("print the JSON Schema of a family, for use in editors", (_FAMILY,), ("field_efficiency",)),
     "families": Command("list the study families"),
 }

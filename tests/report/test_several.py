@@ -61,7 +61,7 @@ def test_a_page_over_two_results(pair, tmp_path):
     assert links[:2] == ["low/report.html", "high%20%231/report.html"]
     rows = [row for row in rows_of(shown, text) if row]
     assert next(row for row in rows if row[0] == "receiver.height")[1:3] == ["60", "90"]
-    assert "further inputs are equal" in shown.text
+    assert "other inputs are equal" in shown.text
     came = next(row for row in rows if row[0].startswith("mean optical efficiency"))
     first = 100 * swept()["field_optical_efficiency"].to_numpy()[0, 0]
     assert came[1] == "0\N{DEGREE SIGN}, spinning-elevation"

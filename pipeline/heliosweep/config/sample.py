@@ -437,7 +437,7 @@ class Search(Block):
         goals, named = len(self.goals()), len(self.maximise) + len(self.minimise)
         needed = population(len(self.over), goals)
         message = f"must be at least {needed}, one generation of a search over {len(self.over)} keys"
-        front = "give one result to 'maximise' or 'minimise', or two results for a front of best compromises"
+        front = "give one result to 'maximise' or 'minimise', or two results for a Pareto front"
         return when(
             (not 1 <= named <= 2, Fault(front, show_value=False)),
             (goals < named == 2, Fault("is also maximised: remove one of them", ("minimise",))),

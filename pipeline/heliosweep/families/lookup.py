@@ -227,7 +227,7 @@ class Sampled(Wrapped):
         for name, array in result.data_vars.items():
             if str(name).endswith("_total_interval") and (wide := float(2 * array.max())) > WIDE:
                 what = str(name).removesuffix("_total_interval")
-                wider = f"is {wide:.3f} wide, more than {WIDE}: draw more"
+                wider = f"is {wide:.3f} wide, more than {WIDE}: increase the sample size"
                 yield f"{what}: the confidence interval of a total index {wider}"
 
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:

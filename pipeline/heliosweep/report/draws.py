@@ -33,7 +33,7 @@ _KINDS: dict[str, tuple[str, dict[str, str], str]] = {
     "sobol": (
         "Fraction of the variance of the {} due to each key, with 95 % confidence intervals",
         {"first_order_index": "first-order index", "total_index": "total index"},
-        "The errors are half the widths of 95 % confidence intervals; if they exceed 0.1, increase the sample size.",
+        "Errors: half the widths of 95 % confidence intervals. If an interval is wider than 0.1, increase sample.size.",
     ),
     "morris": (
         "Elementary effects of each key on the {}",

@@ -323,8 +323,8 @@ def write_comparison(compared: Sequence[tuple[Path, xr.Dataset, Any]], file: Pat
     same = HELIOSTAT not in joined.sizes or all(RESULT not in joined[side].dims for side in "xy" if side in joined)
     declared = family.figures(compared[0][1]) if family else default_figures(joined)
     figures = list(draw(joined, _over_results(declared, same))) if joined.data_vars else []
-    remarks = [] if joined.data_vars else ["These results have no points in common; a table shows the ranges of each."]
-    remarks += [] if same else ["The heliostats of the results differ; there are maps, but no difference maps."]
+    remarks = [] if joined.data_vars else ["The results have no common points. A table shows their ranges."]
+    remarks += [] if same else ["The results have different heliostats, so there are no maps of differences."]
     made = [replace(ranges(one, headlines), notes=[f"Ranges of result {name}."]) for name, one in results.items()]
     made = [_differences(joined, headlines)] if joined.data_vars else made
     text = render(
@@ -436,7 +436,7 @@ def _inputs(results: Mapping[str, xr.Dataset]) -> Table:
     differ = texts[texts.nunique(axis=1) > 1]
     columns = [Column("study key", [*map(str, differ.index)] or ["no difference"])]
     columns += [Column(name, list(differ[name, 0]) or [""]) for name in results]
-    return Table("Inputs", columns, [f"{len(texts) - len(differ)} further inputs are equal."])
+    return Table("Inputs", columns, [f"{len(texts) - len(differ)} other inputs are equal."])
 
 
 def write_index(outputs: str | os.PathLike[str]) -> Path:

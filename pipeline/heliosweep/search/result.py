@@ -177,10 +177,10 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
             yield Curves(f"over_{key}", title, goals, over=[key], derive=partial(_marked, key), **shared)
     if len(goals) == 2:
         shared["notes"] = f"No evaluation is better in one objective without being worse in the other. {star}"
-        title, derive = "Front of the best compromises", partial(_marked, goals[0])
+        title, derive = "Pareto front", partial(_marked, goals[0])
         yield Curves("front", title, goals[1:], over=goals[:1], derive=derive, **shared)
     else:
-        title = "Course of the search: all evaluations, and the best value so far"
+        title = "Convergence of the search: all evaluations, and the best value so far"
         yield Curves("course", title, goals, over=[EVALUATION], derive=partial(_marked, EVALUATION), **shared)
 
 

@@ -123,10 +123,9 @@ _RESIDUALS = (
 #: Comment lines at the beginning of a corrections table.
 _CORRECTIONS = (
     "Mount errors. Subtract azimuth_reference and elevation_reference from commanded angles or steps, or add them",
-    "to the readings of the encoders. The other errors have different effects at each angle: a controller needs a "
-    "model with",
-    "them, or the commands corrected_azimuth and corrected_elevation of the result. Steps are for the mean positions",
-    "of the motors. Residuals are root mean squares of the beam's angle, twice the mirror's.",
+    "to the encoder readings. The effects of the other errors vary with the angles: correct them with a model in the",
+    "controller, or use the commands corrected_azimuth and corrected_elevation of the result. Steps are for the mean",
+    "motor positions. Residuals are root mean square angles of the beam, which are twice the angles of the mirror.",
 )
 
 

@@ -59,7 +59,7 @@ def test_indices_of_ishigami(tmp_path: Path) -> None:
     assert "each" not in result
     assert result["each_sample_mean"].dims == ("scale", "heliostat")
     remarks = list(api.family_of(asked).remarks(result))
-    assert any("value" in line and "draw more" in line for line in remarks)
+    assert any("value" in line and "increase the sample size" in line for line in remarks)
 
 
 def test_a_sum_of_normals(tmp_path: Path) -> None:

@@ -669,7 +669,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         never = (status == NOT_SEEN).all("hour")
         if bool(never.any()):
             count = f"{int(never.sum()):,} of {never.size:,}"
-            yield f"{count} heliostats are completely masked: three cameras never see them at the same hour"
+            yield f"{count} heliostats are completely masked, because at no hour do three cameras see them"
         return
     usable = result["usable_fraction"].where(status == SEEN)
     if mode == "measured":

@@ -44,7 +44,7 @@ _COLOURS = {16: "#000000", 32: "#0072B2", 64: "#009E73", 1: "#CC79A7", 4: "#E69F
 _RANKS = dict(
     enumerate([(QUALITY[bit].replace("_", " "), _COLOURS[bit]) for bit in _COLOURS] + [("nothing doubtful", "#e8e4c9")])
 )
-_SEEN = "Seen from the target; numbers: modules."
+_SEEN = "Seen from the target. The numbers are module numbers."
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:

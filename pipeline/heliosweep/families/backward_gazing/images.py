@@ -189,10 +189,10 @@ def read_disc(path: Path, name: str) -> SunProfile:
     few = max(2, brightness.size // 20)
     centre, edge = float(brightness[:few].mean()), float(brightness[-few:].mean())
     faults = {
-        "a sun profile needs 4 rows at least": brightness.size < 4,
+        "a sun profile needs at least 4 rows": brightness.size < 4,
         "the brightness must be relative to the disc centre, and at most 1.5": brightness.max() > 1.5
         or not 0.8 <= centre <= 1.25,
-        "a sun profile must be darker at its edge than at its centre by at least 5 %: no slopes follow from it": (
+        "a sun profile must be at least 5 % darker at its edge than at its centre to determine slopes": (
             not edge <= 0.95 * centre
         ),
         f"the last angle must be the disc's radius in mrad (got {radius:g})": not 1.0 <= radius <= 20.0,
@@ -302,9 +302,7 @@ def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
     stated: Any = study.sun.angular_radius or 1e3 * EPS_MAX  # not swept
     radius = 1e-3 * (stated if pixel is None else pixel * disc.radius)
     if not 3e-3 < radius < 7e-3:
-        message = (
-            f"its disc of {disc.radius:.1f} pixels would have a radius of {1e3 * radius:.3g} mrad, but the sun has 4.65"
-        )
+        message = f"its disc of {disc.radius:.1f} pixels would have a radius of {1e3 * radius:.3g} mrad (expected 4.65)"
         raise StudyError(Problem(f"{message}: correct sun.pixel_angle or PIXANGLE", key, name))
     rises = int(np.count_nonzero(np.diff(disc.brightness) > 0.0))
     note = (

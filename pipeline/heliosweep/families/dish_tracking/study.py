@@ -37,7 +37,7 @@ from heliosweep.grid.sun import night_share
 
 MODELS = {
     "rigid": "the whole mount is tilted, and the controller does not correct the tilt",
-    "untilted_home_axes": "only the azimuth axis leans, and the home position is correct (Liu et al. 2022)",
+    "untilted_home_axes": "only the azimuth axis is tilted; the home positions are correct (Liu et al. 2022)",
 }
 #: Maximum number of tilt directions that are compared with each other. Fraction of nighttime instants above which a
 #: warning is given. Name of the window from sunrise to sunset.

@@ -227,7 +227,7 @@ class Beam(Block):
 
     divergence: Annotated[
         float | Sweep,
-        Quantity("Full angle of the beam; the sun has 9.3 mrad", "mrad", gt=0, le=500, dimension="beam_divergence",
+        Quantity("Full angle of the beam (9.3 mrad for the sun)", "mrad", gt=0, le=500, dimension="beam_divergence",
                  title="full angle of the beam"),
     ]  # fmt: skip
     width: Annotated[
@@ -333,7 +333,7 @@ class Detectors(Block):
                  dimension="detector_noise", title="noise of the position along an array"),
     ] = None  # fmt: skip
     parameters: Annotated[
-        int | Sweep | None, replace(_PARAMETERS, description=f"{_PARAMETERS.description}(default: 4)")
+        int | Sweep | None, replace(_PARAMETERS, description=f"{_PARAMETERS.description} (default: 4)")
     ] = None
     correction: Annotated[
         str | Sweep | None,
