@@ -252,12 +252,13 @@ def validated(
 ) -> StudyT:
     """Return the validated study with changed keys. Raises a StudyError that lists all problems."""
     source = changed(source, changes, named) if changes else source
-    problems, family, names = list(source.problems), source.data.get("family"), [*registry]
-    if family not in names:
+    problems, family = list(source.problems), source.data.get("family")
+    if not isinstance(family, str) or family not in registry:
+        names = [*registry]  # imports all families
         message = f"unknown family{did_you_mean(str(family), names) or f'; use {one_of(names)}'} (got {shown(family)})"
         message = f"is missing: {one_of(names)}" if family is None else message
         _refuse([*problems, source.problem(("family",), message)])
-    study_class = registry[str(family)]
+    study_class = registry[family]
     source = with_patterns(source, study_class)
     if {"site", "sites"} & set(study_class.model_fields):
         source = with_weather_sites(source, problems)
