@@ -710,6 +710,8 @@ class Quantity(Parameter):
         Bounds, in `unit`.
     integer : bool
         True if the number must be an integer. The value is then an int.
+    only : tuple of int, optional
+        Allowed numbers.
     repeats : bool
         True if a list tied by `zip` to another key may contain a value twice.
     """
@@ -721,6 +723,7 @@ class Quantity(Parameter):
     le: float | None = field(default=None, kw_only=True)
     lt: float | None = field(default=None, kw_only=True)
     integer: bool = field(default=False, kw_only=True)
+    only: tuple[int, ...] = field(default=(), kw_only=True)
     repeats: bool = field(default=False, kw_only=True)
 
     @property
@@ -734,7 +737,7 @@ class Quantity(Parameter):
         value = self._number(raw)
         above = (self.ge is None or value >= self.ge) and (self.gt is None or value > self.gt)
         below = (self.le is None or value <= self.le) and (self.lt is None or value < self.lt)
-        require(above and below, f"must be {self.bounds()}")
+        require(above and below and value in (self.only or (value,)), f"must be {self.bounds()}")
         require(not self.integer or value.is_integer(), "must be a whole number")
         return int(value) if self.integer else value
 
@@ -801,6 +804,8 @@ class Quantity(Parameter):
     def bounds(self) -> str:
         """Return the bounds as text, such as ``between -90 and 90 deg``; empty if unbounded."""
         ending, form = "" if self.unit == "1" else f" {self.unit}", ".0f" if self.integer else "g"
+        if self.only:
+            return one_of(map(str, self.only)).replace("'", "")
         if self.ge is not None and self.le is not None:
             return f"between {self.ge:{form}} and {self.le:{form}}{ending}"
         words = {"at least": self.ge, "greater than": self.gt, "at most": self.le, "less than": self.lt}
@@ -808,6 +813,8 @@ class Quantity(Parameter):
         return f"{' and '.join(parts)}{ending}" if parts else ""
 
     def _one_schema(self) -> Schema:
+        if self.only:
+            return {"enum": list(self.only)}
         limits = {"minimum": self.ge, "exclusiveMinimum": self.gt, "maximum": self.le, "exclusiveMaximum": self.lt}
         number: Schema = {"type": "integer" if self.integer else "number"}
         number |= {key: bound for key, bound in limits.items() if bound is not None}

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image, PngImagePlugin
 
 from heliosweep.errors import StudyError
-from heliosweep.families.backward_gazing.images import KEYS, MAX_PIXELS, read_picture, register
+from heliosweep.families.backward_gazing.images import MAX_PIXELS, METADATA, read_picture, register
 from heliosweep.kernels.gazing.geometry import camera_set, expose, heliostat, outline, pinholes, places_of, themis_8
 from heliosweep.kernels.profiles import jose
 from tests.families.backward_gazing import make_images as made
@@ -90,7 +90,7 @@ def test_metadata_that_are_no_numbers(tmp_path):
     for words in ("FOCALPIX in the metadata must be between 10 and 1e+07", "WHITE", "DISTANCE", "'far'"):
         assert words in message
     assert "ROLL" not in message
-    assert all(len(key) <= 8 for key in KEYS)  # as FITS wants
+    assert all(len(key) <= 8 for key in METADATA)  # as FITS wants
 
 
 def test_damaged_files(tmp_path):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 
 from heliosweep.config import (
     MAX_SEED,
@@ -381,56 +381,38 @@ def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
     return Quantity(description, unit, sweep=False, **bounds)  # type: ignore[arg-type]  # the bounds are numbers
 
 
-class Metadata(Block):
-    """Image metadata. Values in the study have priority over metadata."""
-
-    FOCALPIX: Annotated[
-        float | None, _said("Focal length of the camera divided by the side of a pixel", ge=10, le=1e7)
-    ] = None  # fmt: skip
-    CENTREU: Annotated[
-        float | None,
-        _said("Column of the line of sight, 0 at the centre of the left pixels", ge=-1e5, le=1e5),
-    ] = None
-    CENTREV: Annotated[
-        float | None, _said("Row of the line of sight, 0 at the centre of the upper pixels", ge=-1e5, le=1e5)
-    ] = None
-    ROLL: Annotated[
-        float | None,
-        _said(
-            "Rotation of the camera about its line of sight, clockwise for an observer behind it",
-            "deg",
-            ge=-360,
-            le=360,
-        ),
-    ] = None
-    CAMERAY: Annotated[
-        float | None,
-        _said("Position of the camera in the target's plane, positive to the east for a target that faces north", "m",
-              ge=-1e3, le=1e3),
-    ] = None  # fmt: skip
-    CAMERAZ: Annotated[
-        float | None, _said("Position of the camera in the target's plane, positive upwards", "m", ge=-1e3, le=1e3)
-    ] = None
-    DARK: Annotated[float | None, _said("Level of a pixel without light")] = None
-    WHITE: Annotated[
-        float | None, _said("Level of the sun's centre seen in the mirror, including the dark level")
-    ] = None  # fmt: skip
-    SATURATE: Annotated[float | None, _said("Level from which a pixel counts as saturated", gt=0)] = None
-    SUNAZ: Annotated[
-        float | None, _said("Azimuth of the sun, from south towards east", "deg", ge=-360, le=360)
-    ] = None  # fmt: skip
-    SUNEL: Annotated[float | None, _said("Elevation of the sun", "deg", gt=0, le=90)] = None
-    TARGETAZ: Annotated[
-        float | None,
-        _said("Azimuth of the target seen from the heliostat, from south towards east", "deg", ge=-360, le=360),
-    ] = None
-    TARGETEL: Annotated[
-        float | None, _said("Elevation of the target seen from the heliostat", "deg", gt=-90, lt=90)
-    ] = None  # fmt: skip
-    DISTANCE: Annotated[
-        float | None, _said("Distance between the centres of the heliostat and the target", "m", gt=0)
-    ] = None  # fmt: skip
-    PIXANGLE: Annotated[float | None, _said("Angular size of a pixel in an image of the sun", "mrad", gt=0)] = None
+#: Image metadata, by key. Values in the study have priority over metadata.
+METADATA = {
+    "FOCALPIX": _said("Focal length of the camera divided by the side of a pixel", ge=10, le=1e7),
+    "CENTREU": _said("Column of the line of sight, 0 at the centre of the left pixels", ge=-1e5, le=1e5),
+    "CENTREV": _said("Row of the line of sight, 0 at the centre of the upper pixels", ge=-1e5, le=1e5),
+    "ROLL": _said(
+        "Rotation of the camera about its line of sight, clockwise for an observer behind it",
+        "deg",
+        ge=-360,
+        le=360,
+    ),
+    "CAMERAY": _said(
+        "Position of the camera in the target's plane, positive to the east for a target that faces north",
+        "m",
+        ge=-1e3,
+        le=1e3,
+    ),
+    "CAMERAZ": _said("Position of the camera in the target's plane, positive upwards", "m", ge=-1e3, le=1e3),
+    "DARK": _said("Level of a pixel without light"),
+    "WHITE": _said("Level of the sun's centre seen in the mirror, including the dark level"),
+    "SATURATE": _said("Level from which a pixel counts as saturated", gt=0),
+    "SUNAZ": _said("Azimuth of the sun, from south towards east", "deg", ge=-360, le=360),
+    "SUNEL": _said("Elevation of the sun", "deg", gt=0, le=90),
+    "TARGETAZ": _said("Azimuth of the target seen from the heliostat, from south towards east", "deg", ge=-360, le=360),
+    "TARGETEL": _said("Elevation of the target seen from the heliostat", "deg", gt=-90, lt=90),
+    "DISTANCE": _said("Distance between the centres of the heliostat and the target", "m", gt=0),
+    "PIXANGLE": _said("Angular size of a pixel in an image of the sun", "mrad", gt=0),
+}
+Metadata: Any = create_model(
+    "Metadata", __base__=Block, __doc__="Image metadata. Values in the study have priority over metadata.",
+    **{key: (Annotated[float | None, quantity], None) for key, quantity in METADATA.items()},  # type: ignore[arg-type]
+)  # fmt: skip
 
 
 class Image(Block):

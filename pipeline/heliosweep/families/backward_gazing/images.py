@@ -1,6 +1,6 @@
 """Read images of the heliostat or the sun, with camera data, grey levels and metadata.
 
-NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.Metadata`. They are
+NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.METADATA`. They are
 stored as FITS header cards, PNG text chunks, or lines ``KEY = value`` in a TIFF ImageDescription.
 Values in the study have priority over metadata. The first row of an image is its top row. FITS files store the bottom
 row first, unless the card ROWORDER is TOP-DOWN.
@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config import Invalid, Quantity, SunProfile, Sweep, read_profile
+from heliosweep.config import Invalid, SunProfile, Sweep, read_profile
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.backward_gazing.blocks import Metadata
+from heliosweep.families.backward_gazing.blocks import METADATA, ImageGeometry
 from heliosweep.files import read_once
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.gazing.geometry import Modules, mirror_grid, outline
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 #: Maximum number of pixels in an image, and minimum number of pixels on each side.
 MAX_PIXELS, MIN_SIDE = 25_000_000, 4
-#: Quantities that metadata can contain, by key.
-KEYS: dict[str, Quantity] = {key: Metadata.parameter(key) for key in Metadata.model_fields}  # type: ignore[misc]
 #: Study keys that may be omitted if the metadata of the four images contain equal values.
 GEOMETRY = {
     "SUNAZ": "sun.azimuth", "SUNEL": "sun.elevation", "TARGETAZ": "target.azimuth", "TARGETEL": "target.elevation",
@@ -71,7 +69,7 @@ class Picture(NamedTuple):
         Minimum level of a saturated pixel. The default is the maximum of the data type. If the brightest pixel has the
         maximum level of a sensor with 8, 10, 12, 14 or 16 bits, this maximum level is used.
     metadata : dict
-        Metadata values of the file, for keys in `KEYS`.
+        Metadata values of the file, for keys in `METADATA`.
     name : str
         Name of the file in the study.
     """
@@ -155,9 +153,9 @@ def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None
 
 
 def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
-    """Return the metadata values of the keys in `KEYS`. Raises a StudyError that lists all invalid values."""
+    """Return the metadata values of the keys in `METADATA`. Raises a StudyError that lists all invalid values."""
     found, problems = dict[str, float](), []
-    for key, quantity in KEYS.items():
+    for key, quantity in METADATA.items():
         try:
             if key in said:
                 found[key] = float(quantity.read(float(str(said[key]))))
@@ -238,9 +236,9 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     metadata : list of dict
         Metadata of the images.
     """
-    entries, pictures = study.images or (), _pictures(study)
-    said = [picture.metadata for picture in pictures]
-    rows, columns = pictures[0].levels.shape
+    entries, pictures, settings = study.images or (), _pictures(study), study.image_geometry or ImageGeometry()
+    levels, tops, said, _ = zip(*pictures, strict=True)
+    rows, columns = levels[0].shape
 
     def each(key: str, others: Any, stated: float | None = None) -> Floats:
         """Return the value in the study if given, otherwise the values in the metadata, otherwise `others`."""
@@ -249,7 +247,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
 
     corners = np.array([one.corners or np.full((4, 2), np.nan) for one in entries])
     marked, focal = np.isfinite(corners).all(axis=(1, 2)), each("FOCALPIX", math.nan)
-    rectified, register = _stated(study, "rectified"), _stated(study, "registration")
+    rectified, register = settings.rectified, settings.registration
     if rectified is None:
         told = np.any(marked) or np.any(np.isfinite(focal)) or register or isinstance(study.heliostat.pixel, Sweep)
         rectified = not told and (rows, columns) == mirror_grid(
@@ -262,12 +260,11 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
             f"the position of the mirror in {entries[number].file} is unknown: mark its 'corners', give FOCALPIX in "
             "its metadata, or set image_geometry.registration"
         )))  # fmt: skip
-    darks = each("DARK", 0.0, _stated(study, "dark"))
-    white, white_from = _white(study, pictures, darks)
-    limits = each("SATURATE", [picture.saturation for picture in pictures], _stated(study, "saturation"))
-    levels = np.stack([picture.levels for picture in pictures])
+    darks = each("DARK", 0.0, settings.dark)
+    white, white_from = _white(study, settings.white, pictures, darks)
+    limits = each("SATURATE", tops, settings.saturation)
     return Shots(
-        images=(levels - darks[:, np.newaxis, np.newaxis]) / (white - darks)[:, np.newaxis, np.newaxis],
+        images=(np.stack(levels) - darks[:, np.newaxis, np.newaxis]) / (white - darks)[:, np.newaxis, np.newaxis],
         saturation=(limits - darks) / (white - darks),
         rectified=bool(rectified),
         register=search,
@@ -275,13 +272,13 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
         centre=np.stack((each("CENTREU", 0.5 * (columns - 1)), each("CENTREV", 0.5 * (rows - 1))), axis=1),
         roll=np.radians(each("ROLL", 0.0)),
         corners=corners,
-        positions=_positions(study, said),
+        positions=_positions(study, list(said)),
         geometry=_geometry(study, pictures),
         white=white,
         white_from=white_from,
         needs_gain=not set(white_from) <= set(KNOWN_WHITE),
-        noise=float(each("", math.nan, _stated(study, "noise"))[0]),
-        metadata=said,
+        noise=float(each("", math.nan, settings.noise)[0]),
+        metadata=list(said),
     )
 
 
@@ -314,17 +311,15 @@ def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
     return SunProfile(tuple(angle.tolist()), tuple(falling.tolist())), [note] if rises else []
 
 
-def _stated(study: BackwardGazingStudy, key: str) -> Any:
-    return None if study.image_geometry is None else getattr(study.image_geometry, key)
-
-
 def _disc(study: BackwardGazingStudy, name: str) -> tuple[Picture, SunDisc]:
     picture = _read(study, "sun.image", name)
     saturated = float(np.mean(picture.levels >= picture.metadata.get("SATURATE", picture.saturation)))
     try:
         if saturated > 0.0:
             raise ValueError(f"{100 * saturated:.3g} % of its pixels are saturated; use a shorter exposure")
-        return picture, disc_profile(picture.levels - picture.metadata.get("DARK", _stated(study, "dark") or 0.0))
+        return picture, disc_profile(
+            picture.levels - picture.metadata.get("DARK", (study.image_geometry or ImageGeometry()).dark or 0.0)
+        )
     except ValueError as error:
         raise StudyError(Problem(str(error), "sun.image", name)) from None
 
@@ -361,8 +356,10 @@ def _pictures(study: BackwardGazingStudy) -> list[Picture]:
     return pictures
 
 
-def _white(study: BackwardGazingStudy, pictures: list[Picture], dark: Floats) -> tuple[Floats, tuple[str, ...]]:
-    stated, said = _stated(study, "white"), [one.metadata.get("WHITE") for one in pictures]
+def _white(
+    study: BackwardGazingStudy, stated: float | None, pictures: list[Picture], dark: Floats
+) -> tuple[Floats, tuple[str, ...]]:
+    said = [one.metadata.get("WHITE") for one in pictures]
     known = stated is not None or None not in said or study.sun.image is None
     level = math.nan if known else _disc(study, str(study.sun.image))[1].level
     # All cameras use one level. With separate levels, the brightest pixel of each camera would determine its scale.

@@ -46,7 +46,7 @@ from heliosweep.config import (
 )
 from heliosweep.config import Receiver as ReceiverPoint
 from heliosweep.errors import Problem, StudyError
-from heliosweep.families.misalignment.spots_file import COLUMNS, SCALED, MeasuredSpots, examine_table, spots_under_suns
+from heliosweep.families.misalignment.spots_file import COLUMNS, SCALED, MeasuredSpots, examine_table, read_spots
 from heliosweep.families.mount_errors import NOT_DRAWN, MountAngles
 from heliosweep.grid.sun import dark_places
 from heliosweep.kernels.mounts import ERRORS
@@ -84,24 +84,6 @@ TRUTH = {
     "detectors": "the true errors of synthetic crossings",
 }
 LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauchy": "logarithmic beyond loss_scale"}
-
-
-@dataclass(frozen=True)
-class Parameters(Quantity):
-    """Number of estimated errors: 2, 4 or 6."""
-
-    def bounds(self) -> str:
-        """Return the allowed numbers as a string."""
-        return "2, 4 or 6"
-
-    def _one_schema(self) -> dict[str, Any]:
-        return {"enum": [2, 4, 6]}
-
-    def _one(self, raw: Any) -> float:
-        value = super()._one(raw)
-        if value not in (2, 4, 6):
-            raise Invalid(f"must be {self.bounds()}")
-        return value
 
 
 class Sun(Block):
@@ -278,9 +260,9 @@ class Statistics(Block):
     ]
 
 
-_PARAMETERS = Parameters(
+_PARAMETERS = Quantity(
     "Number of estimated errors: 2 for the encoder references, 4 to add the tilts, 6 for all errors",
-    "1", integer=True, title="number of estimated errors",
+    "1", integer=True, only=(2, 4, 6), title="number of estimated errors",
 )  # fmt: skip
 _LIMIT = Quantity(
     "Condition number above which a warning is given (default: 1000 for six errors, otherwise 100)",
@@ -716,7 +698,7 @@ class MisalignmentStudy(Study):
         )
         place, crossings = (site.latitude, site.longitude, site.altitude), key == "detectors.crossings"
         more = *self.heliostat_names(), place, crossings, block.timezone or "", columns
-        found = {PurePath(name).name: spots_under_suns(self.resolve(name), *more) for name in names}
+        found = {PurePath(name).name: read_spots(self.resolve(name), *more) for name in names}
         if len(found) < len(names):
             message = "files have the same name, but names are the labels of campaigns: rename one of them"
             raise StudyError(self.problem(key, message))
