@@ -61,36 +61,52 @@ MOST_NUMBERS = 100
 WIDE = 0.1
 
 #: Statistics of each variable. Keys are suffixes of variable names; values are the additional dimension, the long
-#: name, and True if dimensionless.
-_STATISTICS: dict[str, tuple[str, str, bool]] = {
-    "sample_mean": ("", "mean of the {} over the draws", False),
-    "sample_standard_deviation": ("", "sample standard deviation of the {} over the draws", False),
-    "sample_standard_error": ("", "standard error of the mean of the {} over the draws", False),
-    "sample_percentile": (PERCENTILE, "percentiles of the {} over the draws", False),
+#: name, and the names of attributes that equal the attributes of the variable.
+_STATISTICS: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "sample_mean": ("", "mean of the {} over the draws", ("units", "cell_methods", "valid_range", BEST_VALUE)),
+    "sample_standard_deviation": (
+        "",
+        "sample standard deviation of the {} over the draws",
+        ("units", "cell_methods", "valid_range"),
+    ),
+    "sample_standard_error": (
+        "",
+        "standard error of the mean of the {} over the draws",
+        ("units", "cell_methods", "valid_range"),
+    ),
+    "sample_percentile": (
+        PERCENTILE,
+        "percentiles of the {} over the draws",
+        ("units", "cell_methods", "valid_range", BEST_VALUE),
+    ),
 }
-_SENSITIVITIES: dict[str, dict[str, tuple[str, str, bool]]] = {
+_SENSITIVITIES: dict[str, dict[str, tuple[str, str, tuple[str, ...]]]] = {
     SOBOL: {
-        "first_order_index": (PARAMETER, "fraction of the variance of the {} that each parameter explains alone", True),
+        "first_order_index": (PARAMETER, "fraction of the variance of the {} that each parameter explains alone", ()),
         "first_order_interval": (
             PARAMETER,
             "half-width of the 95 % confidence interval of the first-order index of the {}",
-            True,
+            (),
         ),
         "total_index": (
             PARAMETER,
             "fraction of the variance of the {} that each parameter explains alone and by interactions",
-            True,
+            (),
         ),
-        "total_interval": (PARAMETER, "half-width of the 95 % confidence interval of the total index of the {}", True),
+        "total_interval": (PARAMETER, "half-width of the 95 % confidence interval of the total index of the {}", ()),
     },
     MORRIS: {
-        "effect_mean": (PARAMETER, "mean elementary effect of each parameter on the {}", False),
-        "effect_mean_magnitude": (PARAMETER, "mean magnitude of the elementary effects on the {}", False),
-        "effect_standard_deviation": (PARAMETER, "standard deviation of the elementary effects on the {}", False),
+        "effect_mean": (PARAMETER, "mean elementary effect of each parameter on the {}", ("units",)),
+        "effect_mean_magnitude": (PARAMETER, "mean magnitude of the elementary effects on the {}", ("units",)),
+        "effect_standard_deviation": (PARAMETER, "standard deviation of the elementary effects on the {}", ("units",)),
     },
     LOCAL: {
-        "change_down": (PARAMETER, "change of the {} if each parameter decreases by one standard deviation", False),
-        "change_up": (PARAMETER, "change of the {} if each parameter increases by one standard deviation", False),
+        "change_down": (
+            PARAMETER,
+            "change of the {} if each parameter decreases by one standard deviation",
+            ("units",),
+        ),
+        "change_up": (PARAMETER, "change of the {} if each parameter increases by one standard deviation", ("units",)),
     },
 }
 
@@ -155,7 +171,7 @@ class Sampled(Wrapped):
                 continue
             others = tuple(dim for dim in one.dims if dim != SAMPLE)
             numbers = math.prod(work.inner[dim] for dim in others if dim in work.inner)
-            large = "heliostat" in others or numbers > MOST_NUMBERS
+            large = ("heliostat" in others) | (numbers > MOST_NUMBERS)
             if large and not statistical and not sample.statistics.every_draw:
                 continue
             passing = large and not sample.statistics.every_draw
@@ -163,9 +179,12 @@ class Sampled(Wrapped):
             made = dict(statistical)
             if design.sensitivity and not large and numbers <= 12:  # otherwise there would be too many sensitivities
                 made |= _SENSITIVITIES[design.sensitivity]
-            for ending, (dim, words, pure) in made.items():
-                attrs = _attributes(one, words, pure)
-                found[f"{name}_{ending}"] = Variable((*others, *([dim] if dim else [])), attrs, finished=True)
+            for ending, (dim, words, kept) in made.items():
+                attrs = {"units": "1", "long_name": words.format(one.attrs.get("long_name", "result"))}
+                if ending in _SENSITIVITIES[MORRIS]:
+                    attrs["comment"] = "change as the parameter goes from its 12.5 to its 87.5 % quantile"
+                attrs |= {name: one.attrs[name] for name in kept if name in one.attrs}
+                found[f"{name}_{ending}"] = Variable((*others, *filter(None, [dim])), attrs, finished=True)
         return found
 
     def coordinates(self, study: Any) -> xr.Dataset:
@@ -241,19 +260,6 @@ class Sampled(Wrapped):
         from heliosweep.report.draws import tables
 
         return tables(result, self.inner.headlines)
-
-
-def _attributes(one: Variable, words: str, pure: bool) -> dict[str, Any]:
-    attrs = {"units": "1" if pure else one.attrs.get("units", "1")}
-    attrs["long_name"] = words.format(one.attrs.get("long_name", "result"))
-    if "elementary" in words:
-        attrs["comment"] = "change as the parameter goes from its 12.5 to its 87.5 % quantile"
-    for name in ("cell_methods", "valid_range"):
-        if name in one.attrs and words in {known for _, known, _ in _STATISTICS.values()}:
-            attrs[name] = one.attrs[name]
-    if BEST_VALUE in one.attrs and words in {_STATISTICS[name][1] for name in ("sample_mean", "sample_percentile")}:
-        attrs[BEST_VALUE] = one.attrs[BEST_VALUE]
-    return attrs
 
 
 def _words(study: Study) -> str:

@@ -25,9 +25,11 @@ from heliosweep.grid.regions import (
     flags,
     in_result,
     of_kind,
+    pair,
     piece_name,
     quantity,
     shape_of,
+    with_best,
 )
 from heliosweep.grid.sun import (
     DATE,
@@ -82,6 +84,7 @@ __all__ = [
     "machine_limits",
     "make_plan",
     "of_kind",
+    "pair",
     "piece_name",
     "quantity",
     "shape_of",
@@ -91,4 +94,5 @@ __all__ = [
     "used",
     "weather_faults",
     "window_positions",
+    "with_best",
 ]

@@ -5,45 +5,11 @@ The efficiencies are defined as in Chong and Tan (2012), doi 10.1155/2012/908364
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from heliosweep.families.family import Family
-from heliosweep.lazy import xr
 
-if TYPE_CHECKING:
-    from heliosweep.report.figures import Figure
-
-
-class FieldEfficiency(Family):
-    """Study family for the optical efficiency of heliostat fields."""
-
-    def of_result(self, result: xr.Dataset) -> Family:
-        """Return the family with headlines chosen for a result.
-
-        If the study has `keep`, the number of heliostats, the mirror area and the design-point power come first.
-        """
-        keep = json.loads(result.attrs["study"]).get("keep")
-        if not keep:
-            return self
-        cut, size = object.__new__(type(self)), ("field_heliostats", "field_mirror_area", "design_point_power")
-        vars(cut).update(vars(self))  # copy.copy would return the registered family itself
-        # `keep` minimises the number of heliostats for a required power, or maximises the energy of a given number of
-        # heliostats.
-        gain = ("field_energy_per_mirror_area", *self.headlines)
-        cut.headlines = (*size, *gain) if "heliostats" not in keep else (*gain[:1], *size, *gain[1:])
-        return cut
-
-    def figures_of_draws(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Return the error budget figure if the result has an error budget."""
-        from heliosweep.families.field_efficiency.figures import budget_figure
-
-        return [budget_figure(result)] if "budget_loss_sample_mean" in result else []
-
-
-FAMILY = FieldEfficiency(
+FAMILY = Family(
     "field_efficiency",
     "cosine, shading, blocking and optical efficiency of a heliostat field",
     f"{__name__}.study:FieldEfficiencyStudy",
@@ -67,6 +33,7 @@ FAMILY = FieldEfficiency(
         "field_heliostats",
         "field_mirror_area",
     ),
+    first_headlines=f"{__name__}.figures:first_headlines",
     optional={
         **dict.fromkeys(("peak_flux", "mean_flux"), "output.flux_map"),
         "power_above_limit": "output.flux_map.limit",
@@ -79,5 +46,6 @@ FAMILY = FieldEfficiency(
     },
     figures=f"{__name__}.figures:figures",
     tables=f"{__name__}.figures:tables",
+    figures_of_draws=f"{__name__}.figures:figures_of_draws",
     remarks=f"{__name__}.compute:remarks",
 )

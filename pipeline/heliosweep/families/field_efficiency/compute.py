@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from heliosweep.aiming import VARIABLES, choose_aims
 from heliosweep.config import CivilTime, SunDirections
 from heliosweep.economics import ITEMS
-from heliosweep.families.family import Computation
+from heliosweep.families.family import Computation, Point, Points
 from heliosweep.families.field_efficiency.heat import HEAT_STAGES, costs_of, has_heat, heat_of_year, heat_power
 from heliosweep.families.field_efficiency.light_checks import mapped
 from heliosweep.families.field_efficiency.losses import (
@@ -58,7 +58,6 @@ from heliosweep.families.field_efficiency.variables import (
     OUTLINES,
     variables,
 )
-from heliosweep.families.points import Point
 from heliosweep.files import processors
 from heliosweep.grid import LIMITS, MAX_INSTANTS, PLACE, Parameters, Suns, Weathers, instant_count, instants_of
 from heliosweep.kernels.compiled import Floats
@@ -70,7 +69,6 @@ from heliosweep.light import TRACKING, mirror_area
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
-    from heliosweep.families.points import Points
     from heliosweep.layouts.layout import Layout
 
 

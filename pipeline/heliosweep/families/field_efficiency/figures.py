@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -48,6 +49,21 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     means = [_named(result, name) for name in names if name in whole]
     notes = ["Factored: product of the means of cosine, shading and blocking efficiency."]
     yield numbers(result, dims, means, "Mean efficiencies over the period", notes)
+
+
+def first_headlines(result: xr.Dataset) -> tuple[str, ...]:
+    """Return the headlines of a study with `keep`: the number of heliostats, the mirror area and the power.
+
+    `keep` minimises the number of heliostats for a required power, or maximises the energy of a given number.
+    """
+    keep = json.loads(result.attrs["study"]).get("keep")
+    size, gain = ("field_heliostats", "field_mirror_area", "design_point_power"), "field_energy_per_mirror_area"
+    return () if not keep else (gain, *size) if "heliostats" in keep else (*size, gain)
+
+
+def figures_of_draws(result: xr.Dataset) -> list[Figure]:
+    """Return the budget figure, which is drawn if the result has an error budget."""
+    return [budget_figure(result)]
 
 
 def budget_figure(result: xr.Dataset) -> Figure:

@@ -18,9 +18,9 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.layouts.resolve import Layouts
 
 if TYPE_CHECKING:
+    from heliosweep.families.family import Points
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.families.field_efficiency.values import Hours, Values
-    from heliosweep.families.points import Points
 
 #: Stages at which the receiver loses energy.
 HEAT_STAGES = ("absorption", "thermal losses")

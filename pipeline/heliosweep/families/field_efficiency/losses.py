@@ -43,9 +43,9 @@ from heliosweep.layouts.resolve import Layouts
 from heliosweep.sun import horizon_elevation
 
 if TYPE_CHECKING:
+    from heliosweep.families.family import Point
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
     from heliosweep.families.field_efficiency.values import Hours, Values
-    from heliosweep.families.points import Point
 
 #: Minimum and maximum allowed elevation of a horizon. [deg]
 LOWEST, HIGHEST = -30.0, 60.0

@@ -16,7 +16,7 @@ from heliosweep.config import SunDirections
 from heliosweep.families.field_efficiency.heat import has_heat
 from heliosweep.families.field_efficiency.losses import year_variables
 from heliosweep.families.field_efficiency.optics import IRRADIANCE, has_instant, is_limited, varies
-from heliosweep.grid.regions import Variable, quantity, with_best
+from heliosweep.grid import Variable, quantity, with_best
 
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
