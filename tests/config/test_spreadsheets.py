@@ -91,4 +91,4 @@ def test_dates_and_units_that_are_not_told_are_refused_at_their_place(tmp_path, 
     monkeypatch.chdir(tmp_path)
     Path("spots.csv").write_text(text)
     with pytest.raises(StudyError, match=said):
-        read_spots("spots.csv", 1)
+        read_spots(Path("spots.csv"), 1)

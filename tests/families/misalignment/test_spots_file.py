@@ -1,5 +1,7 @@
 """Tables of measured spots: what is read, and that everything wrong is said with its line, column and remedy."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -12,13 +14,14 @@ TIME = "2024-06-21T09:30:00+02:00"
 
 
 @pytest.fixture
-def read(tmp_path):
+def read(tmp_path, monkeypatch):
     """Read a table from its text."""
 
     def reader(text, heliostats=4, names=NAMES, timezone=""):
-        path = tmp_path / "spots.csv"
+        monkeypatch.chdir(tmp_path)
+        path = Path("spots.csv")
         path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_spots(path, heliostats, names, name="spots.csv", timezone=timezone)
+        return read_spots(path, heliostats, names, timezone=timezone)
 
     return reader
 

@@ -36,12 +36,12 @@ from heliosweep.families.backward_gazing.images import (
     register,
 )
 from heliosweep.families.backward_gazing.variables import CAMERAS, NEEDED, NOT_CONVERGED, NOT_SEEN, SEEN
-from heliosweep.families.family import Computation
+from heliosweep.families.family import Computation, Point, Points, by_axis
 from heliosweep.gazing import Found, find_slopes, gazing_scene
 from heliosweep.grid.parameters import Parameters, coordinate_attributes, coordinate_name
 from heliosweep.kernels.compiled import Floats, Integers
 from heliosweep.kernels.gazing import geometry as views
-from heliosweep.kernels.gazing.geometry import REFERENTIALS, MirrorGrid, Modules, Scene, eroded, maps, mirror_grid
+from heliosweep.kernels.gazing.geometry import REFERENTIALS, MirrorGrid, Scene, eroded, maps, mirror_grid
 from heliosweep.kernels.gazing.slopes import (
     graduated,
     look_back,
@@ -67,7 +67,6 @@ from heliosweep.layouts.resolve import LayoutAxis
 
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
-    from heliosweep.families.points import Point, Points
 
 #: Lit fraction below which a camera is dark. Fraction below which a camera or a module is hardly visible. Maximum ratio
 #: of the residuals to the noise in the study (about 0.6 in a correct result). [1]
@@ -171,49 +170,6 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
     return float(low / (low + rise)), power, float(low + rise), math.sqrt(square / len(table))
 
 
-def sun_of(profile: Profile) -> dict[str, Any]:
-    """Return the brightness of a profile at `NODES` positions on the disc, and the fit of Jose's formula."""
-    nodes = np.linspace(0.0, 1.0, names.NODES)
-    known = render(profile, nodes * profile.radius)
-    limb, power, level, residual = formula_fit(profile.table if profile.table.size > 3 else known)
-    return {
-        "sun_brightness": known,
-        "sun_formula": level * render(jose(limb, 1.0, power), nodes),
-        "sun_limb_fit": limb,
-        "sun_exponent_fit": power,
-        "sun_radius_fit": 1e3 * profile.radius,
-        "sun_fit_rms": residual,
-    }
-
-
-def by_axis(name: str, values: Floats, axis: int = 2, ends: Iterable[str] = "xy") -> dict[str, Floats]:
-    """Split an array along an axis into one variable for each entry of `ends`. The entry replaces ``%`` in `name`."""
-    return {name.replace("%", end): one for end, one in zip(ends, np.moveaxis(values, axis, 0), strict=True)}
-
-
-def estimates(
-    slopes: Floats, deviations: Iterable[Floats | None], mirror: MirrorGrid, modules: Modules, keep: Any, focal: float
-) -> dict[str, Floats]:
-    """Return variables for canting, waviness and pointing [mrad] and focal length [m], with standard errors.
-
-    `slopes` has the shape (M, T, 2, N) [rad] for M methods and T referentials; unknown slopes are NaN. For each method,
-    `deviations` contains the standard deviations of the noise, shape (2, N) [rad], or None. For the other arguments,
-    see `module_estimates`.
-    """
-    found = [
-        [module_estimates(one, mirror, modules, keep, focal, deviation=noise) for one in frames]
-        for frames, noise in zip(slopes, deviations, strict=True)
-    ]
-    every = {name: np.array([[one[name] for one in row] for row in found]) for name in found[0][0]}
-    made = {"focal_length_estimate": every["focal_length"], "focal_length_standard_error": every["focal_length_error"]}
-    made["focal_axis"], made["focal_axis_standard_error"] = np.degrees((every["axis"], every["axis_error"]))
-    for name, ending in (("", ""), ("_error", "_standard_error")):
-        made |= by_axis(f"focal_length_%{ending}", every[f"principal{name}"], ends=("long", "short"))
-        made |= by_axis(f"canting_%{ending}", 1e3 * every[f"canting{name}"])
-        made |= by_axis(f"pointing_%{ending}", 1e3 * every[f"pointing{name}"])
-    return made | by_axis("waviness_%", 1e3 * every["waviness"])
-
-
 def slopes_of(
     study: BackwardGazingStudy, values: dict[str, Any], seen: Any, *more: str, fit_gain: bool | None = None
 ) -> Found:
@@ -239,24 +195,50 @@ def results(
     """Return the variables that are common to simulated and measured images.
 
     `seen` contains the layout, mirror, sun, kept pixels, images and estimated slopes. `counted` contains the slopes
-    that are used for the estimates, and `deviations` the standard deviations of their noise. `least` contains the
-    standard deviations of each pixel's slopes [rad].
+    that are used for the estimates, shape (M, T, 2, N) [rad] for M methods and T referentials; unknown slopes are NaN.
+    For each method, `deviations` contains the standard deviations of the noise, shape (2, N) [rad], or None. `least`
+    contains the standard deviations of each pixel's slopes [rad].
     """
     mirror, modules, cameras = seen.mirror, study.heliostat.rectangles, np.bitwise_count(seen.found.lit)
+    focal = values["heliostat.focal_length"]
+    found = [
+        [module_estimates(one, mirror, modules, seen.keep, focal, deviation=noise) for one in frames]
+        for frames, noise in zip(counted, deviations, strict=True)
+    ]
+    every = {name: np.array([[one[name] for one in row] for row in found]) for name in found[0][0]}
     inside = np.bincount(mirror.pixel_module[seen.keep], minlength=len(modules.size))
     with np.errstate(invalid="ignore"):
         usable = over_modules(seen, slopes[:, 0, 0])[2] / inside
     made = {
-        **estimates(counted, deviations, mirror, modules, seen.keep, values["heliostat.focal_length"]),
+        "focal_length_estimate": every["focal_length"],
+        "focal_length_standard_error": every["focal_length_error"],
+        "focal_axis": np.degrees(every["axis"]),
+        "focal_axis_standard_error": np.degrees(every["axis_error"]),
+        **by_axis("waviness_%", 1e3 * every["waviness"]),
         "usable_fraction": usable,
         "lit_cameras": over_modules(seen, cameras / CAMERAS)[0],
         **by_axis("cramer_rao_bound_%", over_modules(seen, 1e3 * least)[1], 0),
         "evaluations": seen.found.evaluations[: len(study.method)],
         "incidence": math.degrees(seen.layout.incidence),
     }
+    for name, ending in (("", ""), ("_error", "_standard_error")):
+        made |= by_axis(f"focal_length_%{ending}", every[f"principal{name}"], ends=("long", "short"))
+        made |= by_axis(f"canting_%{ending}", 1e3 * every[f"canting{name}"])
+        made |= by_axis(f"pointing_%{ending}", 1e3 * every[f"pointing{name}"])
     if study.output.maps or study.mode == "measured":
         mask = np.where(~seen.keep, 1, np.where(cameras < NEEDED, 2, 3))
-        made |= sun_of(seen.sun) | by_axis("slope_%", maps(mirror, 1e3 * slopes)) | {"image": maps(mirror, seen.images)}
+        nodes = np.linspace(0.0, 1.0, names.NODES)
+        known = render(seen.sun, nodes * seen.sun.radius)
+        limb, power, level, residual = formula_fit(seen.sun.table if seen.sun.table.size > 3 else known)
+        made |= {
+            "sun_brightness": known,
+            "sun_formula": level * render(jose(limb, 1.0, power), nodes),
+            "sun_limb_fit": limb,
+            "sun_exponent_fit": power,
+            "sun_radius_fit": 1e3 * seen.sun.radius,
+            "sun_fit_rms": residual,
+        }
+        made |= by_axis("slope_%", maps(mirror, 1e3 * slopes)) | {"image": maps(mirror, seen.images)}
         made |= {"mask": np.nan_to_num(maps(mirror, mask)), "quality": np.nan_to_num(maps(mirror, quality))}
     return made
 

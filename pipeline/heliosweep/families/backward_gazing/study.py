@@ -184,11 +184,11 @@ class BackwardGazingStudy(Study):
 
     def examinations(self) -> Iterable[Callable[[BackwardGazingStudy], Iterable[Problem | str]]]:
         """Return the functions that check the blocks and the files."""
-        return _modules, _pixels, _cameras, _focal_length, _profile, _layout, _measured
+        return _modules, _pixels, _cameras, _profile, _layout, _measured
 
 
 def _modules(study: BackwardGazingStudy) -> Found:
-    """Check that modules do not overlap, and that canting and curvature refer to existing modules."""
+    """Check that modules do not overlap, that canting and curvature refer to modules, and all focal lengths."""
     modules = study.heliostat.rectangles
     for one, other in itertools.combinations(range(len(modules.size)), 2):
         shared = 0.5 * (modules.size[one] + modules.size[other]) - np.abs(modules.centre[one] - modules.centre[other])
@@ -199,6 +199,12 @@ def _modules(study: BackwardGazingStudy) -> Found:
     for block in ("canting", "curvature"):
         for key in set(getattr(study.defects, block) or ()) - set(map(str, range(1, count + 1))):
             yield study.problem(f"defects.{block}.{key}", f"is not a module: the heliostat has modules 1 to {count}")
+    least = study.heliostat.reach
+    for block, key in (("heliostat", "focal_length"), ("heliostat", "distance"), ("defects", "focal_length")):
+        value = getattr(getattr(study, block), key)
+        if value is not None and min(ends(value)) <= least:
+            message = f"must be more than {least:.3g} m, the reach of the heliostat from its centre"
+            yield study.problem(f"{block}.{key}", f"{message} (got {min(ends(value)):g})")
 
 
 def _pixels(study: BackwardGazingStudy) -> Found:
@@ -247,16 +253,6 @@ def _cameras(study: BackwardGazingStudy) -> Found:
     ):
         message = "the target is seen edge-on: its cameras are in one line and cannot determine two slopes"
         yield study.problem("target.elevation", message)
-
-
-def _focal_length(study: BackwardGazingStudy) -> Found:
-    """Check that all focal lengths exceed the reach of the heliostat."""
-    least = study.heliostat.reach
-    for block, key in (("heliostat", "focal_length"), ("heliostat", "distance"), ("defects", "focal_length")):
-        value = getattr(getattr(study, block), key)
-        if value is not None and min(ends(value)) <= least:
-            message = f"must be more than {least:.3g} m, the reach of the heliostat from its centre"
-            yield study.problem(f"{block}.{key}", f"{message} (got {min(ends(value)):g})")
 
 
 def _profile(study: BackwardGazingStudy) -> Found:
@@ -351,7 +347,7 @@ def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
 def _registration_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
     """Check that the heliostat is found in images without marked corners."""
     from heliosweep.families.backward_gazing.compute import Failure, computation, registered, scene_of, values_of
-    from heliosweep.families.points import Inputs, Points
+    from heliosweep.families.family import Inputs, Points
 
     region = {dim.name: slice(0, 1) for dim in study.dimensions()}
     point = next(iter(Points(study, computation(study), Inputs(None, None), region)))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
+from heliosweep.grid import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels.gazing.geometry import AT_EDGE, NOT_A_NUMBER, OUT_OF_FRAME, SATURATED, mirror_grid
 from heliosweep.kernels.gazing.slopes import NOT_CONVERGED, OUTSIDE, UNLIT
 

@@ -14,8 +14,7 @@ from heliosweep.config import CivilTime, read_weather
 from heliosweep.dish import ERRORS, SCAN, dish_intercept, largest_tilt, window_factors
 from heliosweep.energy import MEGA
 from heliosweep.families.dish_tracking.study import DishTime, DishTrackingStudy, Ephemeris
-from heliosweep.families.family import Computation
-from heliosweep.families.points import Point, Points
+from heliosweep.families.family import Computation, Point, Points
 from heliosweep.grid import BEST_VALUE, DATE, LARGEST, SMALLEST, Parameters, Variable, daily_windows, sun_attributes
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.dish import Windows, pack_windows
@@ -202,7 +201,7 @@ def factors(point: Point) -> dict[str, Any]:
     place = tuple(float(point[key] or 0.0) for key in _SITE)
     mount = [np.asarray(0.0 if point[key] is None else point[key], np.float64) for key in _MOUNT]
     if "time" in point.points.region:
-        sun = sun_of(study.ephemeris, place, point.instants.labels["utc"].values)
+        sun = sun_of(study.ephemeris, place, point.all_instants.labels["utc"].values[point.part("time")])
         counts = np.isfinite(sun[:, 2]) & ((sun[:, 2] > 0) | (not study.time.daylight_only))
         windows = pack_windows(sun, np.arange(len(sun) + 1), counts)
         return {
@@ -339,6 +338,8 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
     If the clock differs strongly from solar time, the sun may be up at the start and at the end of a date. Both periods
     are then sampled. Sunrise and sunset are searched in steps of 10 minutes.
     """
+    from scipy.optimize.elementwise import find_root
+
     window = {"start": "00:00", "stop": "24:00", "step": "10 min"}
     search = CivilTime.model_validate({"clock": "civil", "dates": time.date_list(), "window": window})
     dates = daily_windows(search, timezone)
@@ -346,8 +347,15 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
     day, stamps = np.repeat(np.arange(len(dates)), np.diff(bounds)), np.concatenate(dates)
     up = sun(stamps)[:, 2] > 0
     change = np.flatnonzero((up[1:] != up[:-1]) & (day[1:] == day[:-1]))
-    edges = np.split(_crossings(stamps[change], stamps[change + 1], sun), np.searchsorted(change, bounds[1:-1]))
-    found = []
+    before, length = stamps[change], (stamps[change + 1] - stamps[change]).astype(np.float64)
+
+    def height(share: Floats, before: Floats, length: Floats) -> Any:
+        return sun(before.astype("datetime64[ns]") + np.round(share * length).astype("timedelta64[ns]"))[:, 2]
+
+    limits = np.zeros(length.size), np.ones(length.size)
+    shares = find_root(height, limits, args=(before.astype(np.int64), length)).x
+    crossings = before + np.round(shares * length).astype("timedelta64[ns]")
+    edges, found = np.split(crossings, np.searchsorted(change, bounds[1:-1])), []
     for own, first, last, inner in zip(dates, bounds, bounds[1:] - 1, edges, strict=False):
         ends = np.concatenate([own[:1][up[first : first + 1]], inner, own[-1:][up[last : last + 1]]]).reshape(-1, 2)
         found.append(own[:0])
@@ -357,16 +365,3 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
             stamps = rise + np.round(positions * (span / steps)).astype("timedelta64[ns]")
             found[-1] = np.concatenate([found[-1], stamps])
     return found
-
-
-def _crossings(before: Stamps, after: Stamps, sun: Sun) -> Stamps:
-    """Return the instants between `before` and `after` at which the sun crosses the geometric horizon."""
-    from scipy.optimize.elementwise import find_root
-
-    span = (after - before).astype(np.float64)
-
-    def height(share: Floats, before: Floats, span: Floats) -> Any:
-        return sun(before.astype("datetime64[ns]") + np.round(share * span).astype("timedelta64[ns]"))[:, 2]
-
-    shares = find_root(height, (np.zeros(span.size), np.ones(span.size)), args=(before.astype(np.int64), span)).x
-    return before + np.round(shares * span).astype("timedelta64[ns]")

@@ -12,7 +12,7 @@ FAMILY = Family(
     "misalignment",
     "deviation curves, tolerances and calibration of misaligned heliostats",
     f"{__name__}.study:MisalignmentStudy",
-    f"{__name__}.points:computation",
+    f"{__name__}.spots:computation",
     example=Path(__file__).with_name("default.yaml"),
     references=(
         "Evaluation and measurement of heliostat misalignment in solar power plant using vector model, Optics Express "

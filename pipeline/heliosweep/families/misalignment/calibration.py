@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.families.family import Computation
-from heliosweep.families.misalignment.points import (
+from heliosweep.families.family import Computation, Point, by_axis
+from heliosweep.families.misalignment.spots import (
     NOISE_STREAMS,
     SIDES,
     Scene,
@@ -32,8 +32,7 @@ from heliosweep.families.misalignment.points import (
 )
 from heliosweep.families.misalignment.spots_file import TRACES, MeasuredSpots, Segments, segments_of
 from heliosweep.families.misalignment.study import MisalignmentStudy
-from heliosweep.families.points import Point
-from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
+from heliosweep.grid import Variable, flags, pair, quantity, with_best
 from heliosweep.kernels import calibration as codes
 from heliosweep.kernels import traces
 from heliosweep.kernels.calibration import ESTIMATED, INDISTINCT, SQUARED, Fit, Mounts, Observed, fit
@@ -116,56 +115,6 @@ _SIDES = SIDES | {"z": _WHERE["z"]}
 
 def calibration_work(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    measured, found = study.table_of_spots() is not None, calibration_variables(study)
-    keys = ["calibration.noise", "calibration.days_used", *error_keys(study)] * (not measured)
-
-    def count() -> int:
-        return (math.prod(instant_sizes(study).values()) * max(1, draw_count(study))) + most_spots(study.campaigns())
-
-    return Computation(
-        partial(calibrate, found),
-        found,
-        ("calibration.parameters", "calibration.loss", "calibration.loss_scale", *keys),
-        labels_of(study, "spot"),
-        attrs={"spots": "measured" if measured else "synthetic"},
-        inputs=study.campaigns,
-        evaluations=count,
-        memory=lambda: 1000 * count(),  # bytes for each spot in a fit
-        unit="spots",
-    )
-
-
-def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
-    """Return the inner dimension labels of estimates, with `what` ("spot" or "crossing") in their long names."""
-    error, draws = (np.array(ERRORS, dtype=object), {"long_name": "mount error"}), draw_count(study)
-    labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
-    if draws:
-        labels["sample"] = numbered(draws, "number of the draw, counted from 0")
-    if study.table_of_spots() is not None:
-        meaning = f"number of the {what} of a heliostat, counted from 0, in the order of the file"
-        labels["spot"] = lambda campaigns: numbered(most_spots(campaigns), meaning)
-    if study.calibration and study.calibration.window is not None:
-        labels["period"] = lambda campaigns: (periods(study, campaigns), {"long_name": "start of the window"})
-    return labels
-
-
-def most_spots(campaigns: Mapping[str, MeasuredSpots]) -> int:
-    """Return the maximum number of spots that a heliostat has in any campaign; 0 if there are no spots."""
-    return max((measured.most for measured in campaigns.values()), default=0)
-
-
-def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) -> NDArray[np.datetime64]:
-    """Return the start times of the windows that cover the days from the first spot to the last spot."""
-    block: Any = study.calibration
-    times = np.concatenate([measured.utc for measured in campaigns.values()])
-    first, day = times.min().astype("datetime64[D]").astype("datetime64[ns]"), np.timedelta64(1, "D")
-    step = block.window_step or block.window
-    count = max(0, math.floor(((times.max() - first) / day - block.window) / step) + 1)
-    return np.asarray(first + np.arange(count + 1) * np.timedelta64(round(step * 86400e9), "ns"))
-
-
-def calibration_variables(study: MisalignmentStudy) -> dict[str, Variable]:
-    """Return the variables of a study's result."""
     lead, each, measured = ("heliostat",), ("heliostat", *instant_sizes(study)), study.table_of_spots() is not None
     block: Any = study.calibration
     found = estimate_variables("spot", not measured, block.condition_limit) | {
@@ -234,7 +183,52 @@ def calibration_variables(study: MisalignmentStudy) -> dict[str, Variable]:
             name.format(side): quantity(dims, "m", f"{meaning}, {towards}", f"{_WHERE[side]}; {comments[measured]}")
             for side, towards in (("y", "to the right"), ("z", "upwards"))
         }
-    return finished(study, found)
+    variables = finished(study, found)
+    keys = ["calibration.noise", "calibration.days_used", *error_keys(study)] * (not measured)
+
+    def count() -> int:
+        return (math.prod(instant_sizes(study).values()) * max(1, draw_count(study))) + most_spots(study.campaigns())
+
+    return Computation(
+        partial(calibrate, variables),
+        variables,
+        ("calibration.parameters", "calibration.loss", "calibration.loss_scale", *keys),
+        labels_of(study, "spot"),
+        attrs={"spots": "measured" if measured else "synthetic"},
+        inputs=study.campaigns,
+        evaluations=count,
+        memory=lambda: 1000 * count(),  # bytes for each spot in a fit
+        unit="spots",
+    )
+
+
+def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
+    """Return the inner dimension labels of estimates, with `what` ("spot" or "crossing") in their long names."""
+    error, draws = (np.array(ERRORS, dtype=object), {"long_name": "mount error"}), draw_count(study)
+    labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
+    if draws:
+        labels["sample"] = numbered(draws, "number of the draw, counted from 0")
+    if study.table_of_spots() is not None:
+        meaning = f"number of the {what} of a heliostat, counted from 0, in the order of the file"
+        labels["spot"] = lambda campaigns: numbered(most_spots(campaigns), meaning)
+    if study.calibration and study.calibration.window is not None:
+        labels["period"] = lambda campaigns: (periods(study, campaigns), {"long_name": "start of the window"})
+    return labels
+
+
+def most_spots(campaigns: Mapping[str, MeasuredSpots]) -> int:
+    """Return the maximum number of spots that a heliostat has in any campaign; 0 if there are no spots."""
+    return max((measured.most for measured in campaigns.values()), default=0)
+
+
+def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) -> NDArray[np.datetime64]:
+    """Return the start times of the windows that cover the days from the first spot to the last spot."""
+    block: Any = study.calibration
+    times = np.concatenate([measured.utc for measured in campaigns.values()])
+    first, day = times.min().astype("datetime64[D]").astype("datetime64[ns]"), np.timedelta64(1, "D")
+    step = block.window_step or block.window
+    count = max(0, math.floor(((times.max() - first) / day - block.window) / step) + 1)
+    return np.asarray(first + np.arange(count + 1) * np.timedelta64(round(step * 86400e9), "ns"))
 
 
 def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
@@ -373,13 +367,9 @@ def command_values(mounts: Mounts, sun: Floats, corrected: Floats) -> Values:
 
     `corrected` contains the corrected angles, shape (H, K, T, 2). [rad]
     """
-    named = {"nominal": np.degrees(mounts.aim(sun)), "corrected": np.degrees(corrected)}
-    return {f"{name}_{axis}": array[..., i] for name, array in named.items() for i, axis in enumerate(MOUNT_AXES)}
-
-
-def pairs(name: str, values: Floats) -> Values:
-    """Split an array along its last axis into a y variable and a z variable."""
-    return {name.format(side): values[..., index] for index, side in enumerate("yz")}
+    return by_axis("nominal_%", np.degrees(mounts.aim(sun)), -1, MOUNT_AXES) | by_axis(
+        "corrected_%", np.degrees(corrected), -1, MOUNT_AXES
+    )
 
 
 def calibrate(variables: dict[str, Variable], point: Point) -> Values:
@@ -423,8 +413,10 @@ def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Val
     values, known = estimates(found, samples, "spot")
     residual = np.full(before.shape, np.nan)
     residual[:, :, :used] = found.residual.reshape(measured.shape)
-    values |= pairs("residual_{}", residual) | pairs("spot_{}_before", before) | {"true_error": drawn}
-    return values | pairs("spot_{}_after", _spots(scene, 1e-3 * drawn, known)), known
+    values |= (
+        by_axis("residual_%", residual, -1, "yz") | by_axis("spot_%_before", before, -1, "yz") | {"true_error": drawn}
+    )
+    return values | by_axis("spot_%_after", _spots(scene, 1e-3 * drawn, known), -1, "yz"), known
 
 
 def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
@@ -469,8 +461,8 @@ def _measured(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Valu
         single[name.replace("beam", "held_out")] = 1e3 * rms(squares, held & np.isfinite(squares))
     if block.window is not None:
         single |= _windows(mounts, observed, utc, periods(point.study, point.inputs), block.window, options)
-    single |= pairs("residual_{}", found.residual) | pairs("spot_{}_before", before)
-    single |= pairs("spot_{}_after", found.left_out)
+    single |= by_axis("residual_%", found.residual, -1, "yz") | by_axis("spot_%_before", before, -1, "yz")
+    single |= by_axis("spot_%_after", found.left_out, -1, "yz")
     values, known = estimates(found._replace(status=status), 1, "spot")
     return values | {name: array[:, None] for name, array in single.items()}, known
 
@@ -569,58 +561,23 @@ def _large(found: Fit) -> NDArray[np.bool_]:
 
 def detectors_work(study: MisalignmentStudy) -> Computation:
     """Return the variables of a study and the function that computes them."""
-    measured, found = study.table_of_spots() is not None, detector_variables(study)
+    lead, each, measured = ("heliostat",), ("heliostat", *instant_sizes(study)), study.table_of_spots() is not None
     block: Any = study.detectors
-    segments, rounds = segments_of(block), block.rounds or 1
-    dims = labels_of(study, "crossing") | {
-        "trace": (np.array(TRACES, object), {"long_name": "trace, named after the axis of its cylinder"}),
-        "detector": numbered(segments.starts.size, "number of the detector array, counted from 0, lines first"),
-        "crossing": numbered(segments.most, "number of the crossing of a trace with an array, counted from 0"),
-    }
-    keys = [f"detectors.{key}" for key in ("parameters", "pitch", "noise")]
-    if not measured:
-        keys += ["detectors.correction", *error_keys(study)]
-        dims["round"] = numbered(rounds + 1, "number of completed rounds of the closed loop")
-    count = math.prod(instant_sizes(study).values()) * len(segments.array) * max(1, draw_count(study)) * rounds
-    fixed = {"parameters": ((), DEFAULTS["parameters"], {"long_name": "number of estimated errors", "units": "1"})}
-    described = zip(segments.array, segments.start, segments.along, np.ptp(segments.ends, axis=1), strict=True)
-    words = (" ".join(f"{number:.12g}" for number in (*start, *along, length)) for _, start, along, length in described)
-    return Computation(
-        partial(detect, found, segments),
-        found,
-        tuple(keys),
-        dims,
-        coordinates=lambda: fixed if block.parameters is None else {},
-        attrs={
-            "crossings": "measured" if measured else "synthetic",
-            "detectors": "; ".join(f"{array}: {one}" for array, one in zip(segments.array, words, strict=True)),
-        },
-        inputs=study.campaigns,
-        evaluations=count,
-        memory=3000 * count,  # bytes
-        unit="crossings",
-    )
-
-
-def detector_variables(study: MisalignmentStudy) -> dict[str, Variable]:
-    """Return the variables of a study's result."""
-    measured = study.table_of_spots() is not None
-    lead, each = ("heliostat",), ("heliostat", *instant_sizes(study))
-    dims, rounds = (*each, "trace", "detector", "crossing"), (*lead, "round")
+    of_array, of_rounds = (*each, "trace", "detector", "crossing"), (*lead, "round")
     whose = "of the aligned heliostat" if measured else "before any correction, without noise"
     meaning = f"crossing of a trace and a detector array {whose}, %"
     found = pair(
-        "crossing_%", _SIDES, dims, "m", meaning, "ascending along the array; missing if there are fewer crossings"
+        "crossing_%", _SIDES, of_array, "m", meaning, "ascending along the array; missing if there are fewer crossings"
     ) | {
         "crossing_place": quantity(
-            dims,
+            of_array,
             "m",
             f"position of a crossing {whose} along the array",
             "measured from the first point of the array; for an infinite line, from the foot of the perpendicular "
             "from the aim point",
         ),
         "crossing_angle": quantity(
-            dims,
+            of_array,
             "mrad",
             f"angle from the mirror normal to the cylinder normal at the ray of a crossing {whose}",
             "positive upwards (elevation trace) or clockwise from above (azimuth trace)",
@@ -655,19 +612,48 @@ def detector_variables(study: MisalignmentStudy) -> dict[str, Variable]:
             for axis in MOUNT_AXES
         },
         "beam_error_rms": quantity(
-            rounds, "mrad", "root mean square of the angle between the beam and the direction to the aim point", over
+            of_rounds, "mrad", "root mean square of the angle between the beam and the direction to the aim point", over
         ),
         "spot_distance_rms": quantity(
-            rounds, "m", "root mean square distance of the spot from the aim point", over
+            of_rounds, "m", "root mean square distance of the spot from the aim point", over
         ),
         "round_hit_fraction": quantity(
-            rounds, "1", "fraction of the instants with sunlight at which the spot lies in the aperture",
+            of_rounds, "1", "fraction of the instants with sunlight at which the spot lies in the aperture",
             "round 0: before any correction",
         ),
         **pair("spot_%_before", _SIDES, each, "m", "spot before any correction, %"),
         **pair("spot_%_after", _SIDES, each, "m", "spot after the last round, %"),
     }  # fmt: skip
-    return finished(study, found | ({"crossing_residual": residual} if measured else loop))
+    variables = finished(study, found | ({"crossing_residual": residual} if measured else loop))
+    segments, rounds = segments_of(block), block.rounds or 1
+    dims = labels_of(study, "crossing") | {
+        "trace": (np.array(TRACES, object), {"long_name": "trace, named after the axis of its cylinder"}),
+        "detector": numbered(segments.starts.size, "number of the detector array, counted from 0, lines first"),
+        "crossing": numbered(segments.most, "number of the crossing of a trace with an array, counted from 0"),
+    }
+    keys = [f"detectors.{key}" for key in ("parameters", "pitch", "noise")]
+    if not measured:
+        keys += ["detectors.correction", *error_keys(study)]
+        dims["round"] = numbered(rounds + 1, "number of completed rounds of the closed loop")
+    count = math.prod(instant_sizes(study).values()) * len(segments.array) * max(1, draw_count(study)) * rounds
+    fixed = {"parameters": ((), DEFAULTS["parameters"], {"long_name": "number of estimated errors", "units": "1"})}
+    described = zip(segments.array, segments.start, segments.along, np.ptp(segments.ends, axis=1), strict=True)
+    words = (" ".join(f"{number:.12g}" for number in (*start, *along, length)) for _, start, along, length in described)
+    return Computation(
+        partial(detect, variables, segments),
+        variables,
+        tuple(keys),
+        dims,
+        coordinates=lambda: fixed if block.parameters is None else {},
+        attrs={
+            "crossings": "measured" if measured else "synthetic",
+            "detectors": "; ".join(f"{array}: {one}" for array, one in zip(segments.array, words, strict=True)),
+        },
+        inputs=study.campaigns,
+        evaluations=count,
+        memory=3000 * count,  # bytes
+        unit="crossings",
+    )
 
 
 def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> Values:
@@ -741,7 +727,7 @@ class _Field(NamedTuple):
         crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
         status = SEEN + np.sum(np.where(crossed.any(axis=-1), 0, [NO_ELEVATION, NO_AZIMUTH]), axis=-1)
         count = np.count_nonzero(lit, axis=-1)[..., np.newaxis, np.newaxis]
-        return pairs("crossing_{}", self.segments.points(places)[0]) | {
+        return by_axis("crossing_%", self.segments.points(places)[0], -1, "yz") | {
             "crossing_place": places,
             "crossing_angle": 1e3 * turned,
             "detector_status": np.where(lit, status, NO_LIGHT),
@@ -805,7 +791,7 @@ class _Field(NamedTuple):
             after, left = self.remaining(mirror)
             done.append(left)
         values |= found | {name: np.stack([each[name] for each in done], axis=-1) for name in first}
-        values |= pairs("spot_{}_before", before) | pairs("spot_{}_after", after)
+        values |= by_axis("spot_%_before", before, -1, "yz") | by_axis("spot_%_after", after, -1, "yz")
         corrected = angles if by_instant else np.where(estimated, angles, np.nan)
         return values | command_values(self.mounts, self.sun, corrected)
 

@@ -26,7 +26,7 @@ from heliosweep.families.misalignment.calibration import (
     NO_ELEVATION,
     READINGS,
 )
-from heliosweep.grid.regions import BEST_VALUE
+from heliosweep.grid import BEST_VALUE
 from heliosweep.kernels import calibration as codes
 from heliosweep.kernels.mounts import BEHIND_FACE, BLIND_CONE, ERRORS, MISSES, NO_SUN, TOO_NEAR
 from heliosweep.layouts.layout import label_of
@@ -74,14 +74,9 @@ _RANKS = ("held_out_residual_rms", "beam_residual_rms")
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
     """Yield the figures for a result of any mode. For a field, maps come first."""
-    parts = [_spots(result), _field(result)][:: -1 if result.sizes.get(HELIOSTAT, 0) >= FIELD else 1]
-    yield from itertools.chain(*parts, _calibration(result))
-
-
-def _spots(result: xr.Dataset) -> list[Figure]:
     sizes = [dim for dim in ("error_size", *ERRORS) if result.sizes.get(dim, 0) > 2]
     measured = " Crosses: measured spots." if "measured_y" in result.coords else ""
-    return [
+    spots = [
         *(
             Planes(
                 "deviation_curves",
@@ -133,67 +128,18 @@ def _spots(result: xr.Dataset) -> list[Figure]:
             extra=_arrays,
         ),
     ]
-
-
-def _field(result: xr.Dataset) -> list[Figure]:
-    swept = [str(dim) for dim in result.sizes if dim not in _OWN]
-    numbers = [dim for dim in swept if is_ordered(result, dim)]
-    words = tuple(dim for dim in swept if dim not in numbers)
-    panels, lines = ("axis", *words, *numbers, *DAYS), ("statistic", HELIOSTAT)
-    many = result.sizes.get(HELIOSTAT, 0) >= FIELD
-    tolerance = "Minimum error of either sign at which the centre of the beam leaves the aperture"
-    inside = "Fraction of the draws and hours with sun in which the centre of the beam is inside the aperture"
-    of_field: dict[str, Any] = {"over": (HOUR,), "at": _TYPICAL, "reduce": {HELIOSTAT: "field"} if many else {}}
-    return [
-        Maps("tolerance_map", tolerance, ("minimum_tolerance", "tracking_tolerance"), panels=panels, at=_TYPICAL,
-             notes="Minimum over all days and hours."),
-        Maps("tolerance_hour_map", "Hour of the minimum tolerance", ("hour_of_minimum_tolerance",), panels=panels,
-             interactive=False),
-        Maps("hit_map", inside, ("day_hit_fraction", "hit_fraction", "beam_error_rms", "spot_distance_rms"),
-             panels=(*numbers, *words, *DAYS), at=_TYPICAL),
-        Maps("residual_map", "Residuals of the spots", (*_RANKS, "residual_rms"), panels=(*numbers, *words),
-             at=_TYPICAL),
-        Curves("tolerance_over_day", f"{tolerance}, over the hours", ("tracking_tolerance",), lines=lines,
-               panels=panels, **of_field),
-        Curves("hits_over_day", inside, ("field_hit_fraction", "hit_fraction"), lines=(*numbers, *DAYS, *lines),
-               **of_field),
-        *(
-            Curves(
-                f"hits_over_{dim}",
-                f"Hits and tolerance over {Context(result).title(dim)}",
-                ("day_hit_fraction", "hit_fraction", "minimum_tolerance"),
-                over=(dim,),
-                lines=("axis", *words, *DAYS, HELIOSTAT),
-                reduce={HELIOSTAT: "mean"} if many else {},
-                at=_TYPICAL,
-                looks=_AXES,
-                notes="Mean over the heliostats." if many else "",
-            )
-            for dim in numbers
-        ),
-        Curves(
-            "remaining_tolerance",
-            "Additional error at which the centre of the beam leaves the aperture: percentiles over the draws",
-            ("remaining_tolerance",),
-            over=(HOUR,),
-            lines=("percentile",),
-            panels=("tolerance_axis",),
-            at=_TYPICAL,
-        ),
-    ]  # fmt: skip
-
-
-def _calibration(result: xr.Dataset) -> list[Figure]:
-    moments, measured = ("moment", "spot", *DAYS, HOUR), "spot" in result.sizes
+    parts = [spots, _field(result)][:: -1 if result.sizes.get(HELIOSTAT, 0) >= FIELD else 1]
+    yield from itertools.chain(*parts)
+    moments, in_file = ("moment", "spot", *DAYS, HOUR), "spot" in result.sizes
     notes = (
         "Before: measured spots. After: leave-one-out residuals, relative to the aim point. Heliostats with the "
         "largest residuals come first."
-        if measured
+        if in_file
         else "Centres of the beams before the calibration and with corrected commands."
     )
     runs = [dim for dim in ("days_used", "parameters", "noise", "detector_noise") if result.sizes.get(dim, 0) > 1]
     errors = [str(dim) for dim in result.sizes if dim in ("error_size", *ERRORS) and result.sizes[dim] > 2]
-    return [
+    yield from [
         Planes(
             "before_after",
             "Spots before and after the calibration",
@@ -202,7 +148,7 @@ def _calibration(result: xr.Dataset) -> list[Figure]:
             lines=("when",),
             at=_TYPICAL,
             notes=f"{notes} {_SEEN}",
-            worst="residual_rms" if measured else "",
+            worst="residual_rms" if in_file else "",
             against={"spots_z": "spots_y"},
             dots=True,
             derive=_before_after,
@@ -250,6 +196,54 @@ def _calibration(result: xr.Dataset) -> list[Figure]:
         ),
         Grids(
             "hit_grid", "Hits over both errors", ("hit_fraction",) if len(errors) > 1 else (), over=tuple(errors[:2])
+        ),
+    ]  # fmt: skip
+
+
+def _field(result: xr.Dataset) -> list[Figure]:
+    swept = [str(dim) for dim in result.sizes if dim not in _OWN]
+    numbers = [dim for dim in swept if is_ordered(result, dim)]
+    words = tuple(dim for dim in swept if dim not in numbers)
+    panels, lines = ("axis", *words, *numbers, *DAYS), ("statistic", HELIOSTAT)
+    many = result.sizes.get(HELIOSTAT, 0) >= FIELD
+    tolerance = "Minimum error of either sign at which the centre of the beam leaves the aperture"
+    inside = "Fraction of the draws and hours with sun in which the centre of the beam is inside the aperture"
+    of_field: dict[str, Any] = {"over": (HOUR,), "at": _TYPICAL, "reduce": {HELIOSTAT: "field"} if many else {}}
+    return [
+        Maps("tolerance_map", tolerance, ("minimum_tolerance", "tracking_tolerance"), panels=panels, at=_TYPICAL,
+             notes="Minimum over all days and hours."),
+        Maps("tolerance_hour_map", "Hour of the minimum tolerance", ("hour_of_minimum_tolerance",), panels=panels,
+             interactive=False),
+        Maps("hit_map", inside, ("day_hit_fraction", "hit_fraction", "beam_error_rms", "spot_distance_rms"),
+             panels=(*numbers, *words, *DAYS), at=_TYPICAL),
+        Maps("residual_map", "Residuals of the spots", (*_RANKS, "residual_rms"), panels=(*numbers, *words),
+             at=_TYPICAL),
+        Curves("tolerance_over_day", f"{tolerance}, over the hours", ("tracking_tolerance",), lines=lines,
+               panels=panels, **of_field),
+        Curves("hits_over_day", inside, ("field_hit_fraction", "hit_fraction"), lines=(*numbers, *DAYS, *lines),
+               **of_field),
+        *(
+            Curves(
+                f"hits_over_{dim}",
+                f"Hits and tolerance over {Context(result).title(dim)}",
+                ("day_hit_fraction", "hit_fraction", "minimum_tolerance"),
+                over=(dim,),
+                lines=("axis", *words, *DAYS, HELIOSTAT),
+                reduce={HELIOSTAT: "mean"} if many else {},
+                at=_TYPICAL,
+                looks=_AXES,
+                notes="Mean over the heliostats." if many else "",
+            )
+            for dim in numbers
+        ),
+        Curves(
+            "remaining_tolerance",
+            "Additional error at which the centre of the beam leaves the aperture: percentiles over the draws",
+            ("remaining_tolerance",),
+            over=(HOUR,),
+            lines=("percentile",),
+            panels=("tolerance_axis",),
+            at=_TYPICAL,
         ),
     ]  # fmt: skip
 
@@ -473,7 +467,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 def _of_statistics(result: xr.Dataset) -> Remarks:
     real = result["real_fraction"].to_numpy()
-    some, none = int(np.count_nonzero((real > 0) & (real < 1))), int(np.count_nonzero(real == 0))
+    some, none = np.count_nonzero((real > 0) & (real < 1)), np.count_nonzero(real == 0)
     yield some, f"{some:,} of {real.size:,} statistics omit draws whose ray does not reach the receiver's plane"
     yield none, f"{none:,} of {real.size:,} statistics are missing: no draw's ray reaches the receiver's plane"
 
@@ -521,22 +515,20 @@ def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingPr
     """
     status = result[name].to_numpy()
     for code, words in _FLAGS[name].items():
-        if count := int(np.count_nonzero(status == code)) - less.get(code, 0):
-            texts = _of_estimates(result, status == code) if name == "calibration_status" else {}
-            yield count, f"{words.format(count=f'{count:,} of {status.size:,}', **texts)} ({name} {code})"
-
-
-def _of_estimates(result: xr.Dataset, which: np.ndarray) -> dict[str, Any]:
-    """Return the values of the placeholders in a warning about the calibrations that `which` selects."""
-    direction, condition = result["least_known_direction"], result["condition_number"]
-    parameters = result["parameters"].broadcast_like(condition).transpose(*condition.dims).to_numpy()[which]
-    limits = {float(condition.attrs.get("condition_limit", CONDITION_LIMITS[number])) for number in parameters.tolist()}
-    return {
-        "what": "crossings" if "crossings_used" in result else "spots",
-        "least": str(direction.attrs["flag_meanings"]).split()[np.bincount(direction.to_numpy()[which] + 1).argmax()],
-        "limits": " or ".join(f"{limit:g}" for limit in sorted(limits)),
-        "largest": np.fmax.reduce(condition.to_numpy()[which]),
-    }
+        if count := int(np.count_nonzero(which := status == code)) - less.get(code, 0):
+            texts = {"count": f"{count:,} of {status.size:,}"}
+            if name == "calibration_status":
+                direction, condition = result["least_known_direction"], result["condition_number"]
+                parameters = result["parameters"].broadcast_like(condition).transpose(*condition.dims).to_numpy()[which]
+                given = {condition.attrs.get("condition_limit", CONDITION_LIMITS[each]) for each in parameters.tolist()}
+                least = np.bincount(direction.to_numpy()[which] + 1).argmax()
+                texts |= {
+                    "what": "crossings" if "crossings_used" in result else "spots",
+                    "least": str(direction.attrs["flag_meanings"]).split()[least],
+                    "limits": " or ".join(f"{limit:g}" for limit in sorted(given)),
+                    "largest": np.fmax.reduce(condition.to_numpy()[which]),
+                }
+            yield count, f"{words.format(**texts)} ({name} {code})"
 
 
 def _of_spots(result: xr.Dataset) -> Remarks:

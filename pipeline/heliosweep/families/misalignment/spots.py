@@ -1,4 +1,4 @@
-"""Modes `curves` and `mount_errors`: spots of mirrors with a single misalignment, or with the six errors of a mount.
+"""Instants, heliostats, mounts and drawn errors of all modes, and the modes `curves` and `mount_errors`.
 
 Mode `curves` computes deviation curves with their tolerances, conics and crossings with detectors. Mode `mount_errors`
 computes spots for fixed, swept or drawn errors, and statistics over the draws. Drawn errors are not stored, but
@@ -7,33 +7,32 @@ recomputed from the seed in each call. The drawn errors of a heliostat are the s
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any
+import pkgutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heliosweep.config import NORMAL
-from heliosweep.families.family import Computation
-from heliosweep.families.misalignment.points import (
-    APART,
-    SIDES,
-    Positions,
-    Scene,
-    coded,
-    codes_of,
-    days_and_hours,
-    drawn_errors,
-    error_keys,
-    instant_sizes,
-    mean_errors,
-    numbered,
-    values_of,
-)
+from heliosweep.config import NORMAL, CivilTime, parse_timezone, to_utc
+from heliosweep.families.family import Computation, Point, by_axis
 from heliosweep.families.misalignment.study import MisalignmentStudy
-from heliosweep.families.points import Point
-from heliosweep.grid.regions import Variable, flags, pair, quantity, with_best
+from heliosweep.families.mount_errors import standard_deviates, standard_normals, widths_of
+from heliosweep.grid import (
+    DATE,
+    PLACE,
+    Parameters,
+    Variable,
+    flags,
+    pair,
+    quantity,
+    window_positions,
+    with_best,
+)
 from heliosweep.kernels import traces
+from heliosweep.kernels.calibration import Mounts
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import BEHIND_FACE, BLIND_CONE, ERRORS, NO_SUN, REACHES, TOO_NEAR, Setting
 from heliosweep.kernels.spots import (
@@ -45,13 +44,242 @@ from heliosweep.kernels.spots import (
     mount_spots,
     spot_statistics,
 )
-from heliosweep.layouts.resolve import longest
-from heliosweep.mounts import AXES, SOURCES, SPOT_STATUS
+from heliosweep.layouts.layout import Layout
+from heliosweep.layouts.resolve import LayoutAxis, longest
+from heliosweep.lazy import xr
+from heliosweep.mounts import AXES, KINDS, SOURCES, SPOT_STATUS, mounts_of
+from heliosweep.sun import direction, sun_vectors
+
+#: Status of padding entries after the last heliostat of a layout that is shorter than the longest layout.
+NO_HELIOSTAT = -1
+#: Directions of the axes in the receiver's plane.
+SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
+#: Random streams for the noise of synthetic spots along y and z. Mount error i of `ERRORS` uses stream i.
+NOISE_STREAMS = (100, 101)
+#: Maximum number of noise values in one draw, limited by the counter of the random number generator.
+MOST_NUMBERS = 2**24
+#: Keys with a single value in each group of points computed in one call.
+APART = ("sun.azimuth", "sun.elevation", "heliostats.pivot_height")
+#: Keys that label a result even if they are not swept.
+_LABELS = (
+    *("site.latitude", "site.longitude", "sun.azimuth", "sun.elevation"),
+    *(f"receiver.{key}" for key in ("azimuth", "tilt", "width", "height_extent", "height")),
+    *(f"mount.{key}" for key in ("kind", "axis_azimuth", "mirror_offset", "axis_offset", "pedestal_height")),
+    "heliostats.pivot_height",
+)
+
+
+def computation(study: MisalignmentStudy) -> Computation:
+    """Return the computation for the mode of a study, with the labels and dimensions common to all modes."""
+    module = "spots" if study.mode in ("curves", "mount_errors") else "calibration"
+    made: Computation = pkgutil.resolve_name(f"{__package__}.{module}:{study.mode}_work")(study)
+
+    def coordinates() -> dict[str, Any]:
+        found = dict(made.coordinates() if made.coordinates else {})
+        if isinstance(study.time, CivilTime):
+            # The clocks of the sites may differ.
+            tables = [wall_clock(study.time, zone) for zone in Parameters(study).timezones()]
+            alike = len({table.tobytes() for table in tables}) == 1
+            dims = ("site",) * (not alike) + tuple(instant_sizes(study))
+            found["utc"] = dims, np.array(tables[0] if alike else tables), {"long_name": "universal time"}
+        return found
+
+    fixed: Any = {"sun_position": "as given"} if study.time is None else {}
+    return replace(
+        made,
+        mode=study.mode,
+        labels=(*_LABELS, *made.labels),
+        dims={**days_and_hours(study), **made.dims},
+        coordinates=coordinates,
+        attrs=fixed | made.attrs,
+        layouts=None if study.layout is not None else Positions,
+        split="heliostat",
+    )
+
+
+def instant_sizes(study: MisalignmentStudy) -> dict[str, int]:
+    """Return the lengths of the day and hour dimensions."""
+    return {dim: one if isinstance(one, int) else len(one[0]) for dim, one in days_and_hours(study).items()}
+
+
+def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
+    """Return the day and hour labels, or the length 1 of both dimensions if the sun is fixed."""
+    time = study.time
+    if time is None:
+        return {"day": 1, "hour": 1}
+    hour = {"long_name": f"{'solar' if time.clock == 'solar' else 'wall-clock'} time of day", "units": "h"}
+    if isinstance(time, CivilTime):
+        dates = np.array(time.date_list(), dtype="datetime64[ns]")
+        return {"date": (dates, DATE), "hour": (_wall_seconds(time) / 3600, hour)}
+    if (declinations := time.declinations()) is not None:
+        attrs = {"long_name": "declination of the sun", "units": "degree"}
+        return {"declination": (declinations, attrs), "hour": (time.solar_hours(), hour)}
+    day = {"long_name": "day of the year", "units": "1"}
+    return {"day": (time.day_numbers(), day), "hour": (time.solar_hours(), hour)}
+
+
+@lru_cache(maxsize=16)
+def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
+    """Return the universal time of each wall-clock hour on each date, shape (dates, hours).
+
+    Hours that a clock change skips are NaT. If an hour occurs twice, its first occurrence is used. Time zones
+    are offsets such as ``+08:00`` or IANA names.
+    """
+    zone, seconds = parse_timezone(timezone), _wall_seconds(time).tolist()
+    found = [to_utc(date, second, zone) for date in time.date_list() for second in seconds]
+    times = [np.datetime64(utc.replace(tzinfo=None) if is_shown else "NaT", "ns") for utc, is_shown in found]
+    return np.reshape(times, (-1, len(seconds)))
+
+
+def _wall_seconds(time: CivilTime) -> Floats:
+    start, stop, step = time.window_seconds()
+    return start + step * window_positions((stop - start) / step, time.sampling)
+
+
+def sun_of(point: Point) -> Floats:
+    """Return the unit vectors to the sun at a point, ordered by day and hour, shape (T, 3): east, north, up. [1]"""
+    time = point.study.time
+    if time is None:
+        return direction(point["sun.azimuth"], point["sun.elevation"])[np.newaxis]
+    if time.clock != "civil":
+        return point.sun
+    place = (point[key] for key in PLACE[:3])
+    return _civil_sun(time, point.timezone, *(np.nan if one is None else float(one) for one in place))
+
+
+@lru_cache(maxsize=64)
+def _civil_sun(time: CivilTime, timezone: str, *place: float) -> Floats:
+    return sun_vectors(wall_clock(time, timezone).ravel(), *place)
+
+
+class Positions(LayoutAxis):
+    """Layout with a pivot at each position in a study: east, north and up, relative to the tower's base [m]."""
+
+    def __init__(self, study: MisalignmentStudy) -> None:
+        layout = Layout(*np.array(study.heliostats.positions or (), np.float64).T)
+        self.dims, self._shape, self.size, self._layouts = (), (), len(layout), [layout]
+
+    def coordinates(self) -> dict[str, xr.DataArray]:
+        """Return the coordinates ``heliostat``, ``x``, ``y`` and ``z``."""
+        number = "number of the heliostat in the list of positions, counted from 0"
+        columns = {
+            "x": "distance of the pivot east of the tower",
+            "y": "distance of the pivot north of the tower",
+            "z": "height of the pivot above the tower's base",
+        }
+        return {"heliostat": self.numbers.assign_attrs(long_name=number)} | {
+            name: self.column(name).assign_attrs(long_name=meaning, units="m") for name, meaning in columns.items()
+        }
+
+
+def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None, given: Any = None) -> NDArray[Any]:
+    """Return the values of a key at the points of a group; 0 if the key has no value.
+
+    `shape` is the number of values to return along each dimension of the group (default: all). A value `given` other
+    than None overrides the values of the key.
+    """
+    values = [value for value in (given, point[key], 0.0) if value is not None]
+    return np.broadcast_to(values[0], point.group)[tuple(map(slice, shape or point.group))].ravel()
+
+
+class Scene(NamedTuple):
+    """Receiver, mounts, heliostats and sun for a group of P points."""
+
+    #: Receiver and mounts, shape (P,).
+    setting: Setting
+    #: Unit vectors to the sun, shape (T, 3).
+    sun: Floats
+    #: Pivots relative to the tower's base, shape (H, 3). [m]
+    pivots: Floats
+    #: Indices of the heliostats in the whole result, shape (H,).
+    numbers: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, point: Point, shape: tuple[int, ...] | None = None) -> Scene:
+        """Return the scene for a group of points; `shape` selects points as in `values_of`."""
+        layout, part, up = point.layout, point.part("heliostat"), point["heliostats.pivot_height"] or 0.0
+        pivots = np.stack([layout.x, layout.y, np.asarray(layout.z) + up], axis=1).astype(float)[part]
+        setting = Setting._make(convert(values_of(point, key, shape)) for key, convert in _SETTING.items())
+        return cls(setting, sun_of(point), pivots, np.arange(len(layout))[part])
+
+    def mounts(self, point: int = 0) -> Mounts:
+        """Return the mounts at one point."""
+        return mounts_of(self.setting, self.pivots, point)
+
+
+def codes_of(names: Sequence[Any] | NDArray[Any], known: Sequence[str]) -> NDArray[np.int64]:
+    """Return the codes that the kernels use for names: the positions of the names in `known`."""
+    return np.array([known.index(str(name)) for name in names], np.int64)
+
+
+#: Study key for each field of `Setting`, in order, with a function that converts values to the unit of the field.
+_SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
+    "receiver.azimuth": np.radians,
+    "receiver.tilt": np.radians,
+    "receiver.width": partial(np.multiply, 0.5),
+    "receiver.height_extent": partial(np.multiply, 0.5),
+    "receiver.height": np.asarray,
+    "mount.kind": partial(codes_of, known=KINDS),
+    "site.latitude": np.radians,
+    "mount.axis_azimuth": np.radians,
+    "mount.mirror_offset": np.asarray,
+    "mount.axis_offset": np.asarray,
+    "mount.pedestal_height": np.asarray,
+}
+
+
+def coded(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "") -> Variable:
+    """Return a variable of integer codes, with the code -1 for padding entries of shorter layouts."""
+    return replace(flags(dims, long_name, {NO_HELIOSTAT: "no_heliostat", **meanings}, comment), missing=NO_HELIOSTAT)
+
+
+def numbered(count: int, meaning: str) -> tuple[NDArray[np.int64], dict[str, str]]:
+    """Return the labels of a dimension (integers from 0) and their attributes."""
+    return np.arange(count), {"long_name": meaning, "units": "1"}
+
+
+def mean_errors(point: Point, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+    """Return the six mount errors at the points of a group, shape (P, 6). [mrad]
+
+    Drawn errors are replaced by their means. `shape` selects points as in `values_of`.
+    """
+    means = {name: getattr(getattr(point.study.mount_errors, name, None), "mean", None) for name in ERRORS}
+    return np.stack([values_of(point, f"mount_errors.{name}", shape, mean) for name, mean in means.items()], axis=-1)
+
+
+def draw_count(study: MisalignmentStudy) -> int:
+    """Return the number of draws; 0 if no error is drawn, or if spots are measured."""
+    return 0 if study.mount_errors is None else study.mount_errors.draws()
+
+
+def error_keys(study: MisalignmentStudy) -> list[str]:
+    """Return the mount error keys that label a result: errors that are not drawn, and the scale of drawn errors."""
+    drawn = {} if study.mount_errors is None else study.mount_errors.drawn()
+    return [f"mount_errors.{name}" for name in (*ERRORS, *["scale"] * bool(drawn)) if name not in drawn]
+
+
+def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
+    """Yield the six mount errors of each heliostat and draw at each point of a group, shape (H, samples, 6). [mrad]"""
+    block = point.study.mount_errors
+    deviates = _deviates(block.errors(), tuple(numbers.tolist()), max(1, block.draws()), block.seed or 0)
+    scale = values_of(point, "mount_errors.scale")
+    for mean, spread in zip(mean_errors(point), np.outer(scale, widths_of(block.errors())), strict=True):
+        yield mean + spread * deviates
+
+
+#: Cached version of `standard_deviates`. Consecutive points use the same deviates.
+_deviates = lru_cache(maxsize=2)(standard_deviates)
+
+
+@lru_cache(maxsize=4)
+def noise_of_draws(seed: int, stream: int, heliostats: tuple[int, ...], samples: int, count: int) -> Floats:
+    """Return `count` standard normal numbers for each heliostat and draw, shape (H, samples, count)."""
+    each = (standard_normals(seed, stream, heliostats, count, sample * MOST_NUMBERS) for sample in range(samples))
+    return np.stack([*each], axis=1)
+
 
 #: Number of points on the outline of a spot.
 OUTLINE = 36
-#: Maximum relative difference between tolerances that count as equal.
-_SAME = 1e-12
 _FIRST = "the first instant if there are several; missing if the minimum tolerance is infinite or missing"
 _SEEN = "for an observer in the field who faces the receiver; missing unless spot_status is 0"
 #: Axes in the mirror plane about which the remaining tolerance is computed.
@@ -82,7 +310,74 @@ _AIMED = {
 
 
 def curves_work(study: MisalignmentStudy) -> Computation:
-    """Return the variables of a study and the function that computes them."""
+    """Return the variables of a study and the function that computes them.
+
+    Variables that describe a complete curve do not vary with the error size.
+    """
+    day, hour = instant_sizes(study)
+    each, alone = ("heliostat", day, hour), size_dims(study)
+    of_curve = partial(quantity, without=alone)
+    found = spot_variables(study) | {
+        "tracking_tolerance": of_curve(
+            each,
+            "mrad",
+            "minimum error of either sign at which the spot leaves the aperture",
+            "infinite if the spot never leaves the aperture; 0 if mount errors already move the spot outside; "
+            "missing if the heliostat has no spot without the error",
+        ),
+        "conic": of_curve(
+            (*each, "conic_coefficient"),
+            "1",
+            "coefficients of the deviation curve A Y2 + B Y Z + C Z2 + D Y + E Z + F = 0",
+            "Y = spot_y and Z = spot_z in m, divided by A, or by the coefficient of maximum magnitude if A is zero; "
+            "missing if the curve is not a conic: if the error moves the mirror centre, or rotates about the axis "
+            "of the encoder",
+        ),
+        "eccentricity": of_curve(
+            each, "1", "eccentricity of the deviation curve", "below 1 an ellipse, above 1 a hyperbola"
+        ),
+        **{
+            f"focus_{side}": of_curve(
+                each, "m", f"focus inside the branch of the deviation curve that real rays trace, {where}"
+            )
+            for side, where in SIDES.items()
+        },
+    }
+    if study.beam is not None:
+        comment = "for a beam from the mirror's centre"
+        found |= pair("outline_%", SIDES, (*each, "outline"), "m", "outline of the spot of the beam, %", comment)
+        found |= pair("edge_%", SIDES, (*each, "edge"), "m", "edge of the trace of the beam over the error, %")
+    meaning = "minimum tolerance over all days and hours"
+    found["minimum_tolerance"] = of_curve(
+        each[:1], "mrad", meaning, "infinite if the spot never leaves the aperture; missing if there is no spot"
+    )
+    date = {"long_name": "local date of the minimum tolerance", "comment": _FIRST}
+    instants = {
+        "day": of_curve(each[:1], "1", "day of the year of the minimum tolerance", _FIRST),
+        "declination": of_curve(each[:1], "degree", "declination of the sun at the minimum tolerance", _FIRST),
+        "date": Variable(each[:1], date, np.dtype("datetime64[ns]"), without=alone),
+        "hour": of_curve(each[:1], "h", "hour of the minimum tolerance", _FIRST),
+    }
+    found |= {f"{dim}_of_minimum_tolerance": instants[dim] for dim in (day, hour) if study.time is not None}
+    if study.detectors is not None:
+        meaning = "crossing of the deviation curve with a detector line"
+        found |= {
+            f"crossing_{side}": of_curve(
+                (*each, "detector"),
+                "m",
+                f"{meaning}, {where}",
+                "if there are several, the crossing with the minimum error; missing if there is none",
+            )
+            for side, where in SIDES.items()
+        } | {
+            "crossing_error": of_curve(
+                (*each, "detector"),
+                "mrad",
+                "error at which the spot lies on a detector line",
+                "minimum error of either sign; missing if there is none",
+            )
+        }
+    variables = with_best(found, ("tracking_tolerance", "minimum_tolerance"))
     name = {"long_name": "coefficient of the deviation curve"}
     dims: dict[str, Any] = {"conic_coefficient": (np.array(("A", "B", "C", "D", "E", "F"), dtype=object), name)}
     if len(lines := _lines(study)):
@@ -98,7 +393,7 @@ def curves_work(study: MisalignmentStudy) -> Computation:
         dims["edge"] = np.array(["near", "far"], dtype=object), side
     return Computation(
         curves,
-        variables(study),
+        variables,
         (
             "error.source",
             "error.axis",
@@ -136,77 +431,6 @@ def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
 def size_dims(study: MisalignmentStudy) -> tuple[str, ...]:
     """Return the swept dimension along which only the error size varies; empty if there is none."""
     return tuple(dim.name for dim in study.dimensions() if set(dim.sweeps) == {"error.size"})
-
-
-def variables(study: MisalignmentStudy) -> dict[str, Variable]:
-    """Return the variables of a study's result.
-
-    Variables that describe a complete curve do not vary with the error size.
-    """
-    day, hour = instant_sizes(study)
-    dims, alone = ("heliostat", day, hour), size_dims(study)
-    of_curve = partial(quantity, without=alone)
-    found = spot_variables(study) | {
-        "tracking_tolerance": of_curve(
-            dims,
-            "mrad",
-            "minimum error of either sign at which the spot leaves the aperture",
-            "infinite if the spot never leaves the aperture; 0 if mount errors already move the spot outside; "
-            "missing if the heliostat has no spot without the error",
-        ),
-        "conic": of_curve(
-            (*dims, "conic_coefficient"),
-            "1",
-            "coefficients of the deviation curve A Y2 + B Y Z + C Z2 + D Y + E Z + F = 0",
-            "Y = spot_y and Z = spot_z in m, divided by A, or by the coefficient of maximum magnitude if A is zero; "
-            "missing if the curve is not a conic: if the error moves the mirror centre, or rotates about the axis "
-            "of the encoder",
-        ),
-        "eccentricity": of_curve(
-            dims, "1", "eccentricity of the deviation curve", "below 1 an ellipse, above 1 a hyperbola"
-        ),
-        **{
-            f"focus_{side}": of_curve(
-                dims, "m", f"focus inside the branch of the deviation curve that real rays trace, {where}"
-            )
-            for side, where in SIDES.items()
-        },
-    }
-    if study.beam is not None:
-        comment = "for a beam from the mirror's centre"
-        found |= pair("outline_%", SIDES, (*dims, "outline"), "m", "outline of the spot of the beam, %", comment)
-        found |= pair("edge_%", SIDES, (*dims, "edge"), "m", "edge of the trace of the beam over the error, %")
-    meaning = "minimum tolerance over all days and hours"
-    found["minimum_tolerance"] = of_curve(
-        dims[:1], "mrad", meaning, "infinite if the spot never leaves the aperture; missing if there is no spot"
-    )
-    date = {"long_name": "local date of the minimum tolerance", "comment": _FIRST}
-    instants = {
-        "day": of_curve(dims[:1], "1", "day of the year of the minimum tolerance", _FIRST),
-        "declination": of_curve(dims[:1], "degree", "declination of the sun at the minimum tolerance", _FIRST),
-        "date": Variable(dims[:1], date, np.dtype("datetime64[ns]"), without=alone),
-        "hour": of_curve(dims[:1], "h", "hour of the minimum tolerance", _FIRST),
-    }
-    found |= {f"{dim}_of_minimum_tolerance": instants[dim] for dim in (day, hour) if study.time is not None}
-    if study.detectors is not None:
-        meaning = "crossing of the deviation curve with a detector line"
-        found |= {
-            f"crossing_{side}": of_curve(
-                (*dims, "detector"),
-                "m",
-                f"{meaning}, {where}",
-                "if there are several, the crossing with the minimum error; missing if there is none",
-            )
-            for side, where in SIDES.items()
-        } | {
-            "crossing_error": of_curve(
-                (*dims, "detector"),
-                "mrad",
-                "error at which the spot lies on a detector line",
-                "minimum error of either sign; missing if there is none",
-            )
-        }
-    return with_best(found, ("tracking_tolerance", "minimum_tolerance"))
 
 
 def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
@@ -271,15 +495,13 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
         widths = [values_of(point, f"beam.{key}", shape) for key in ("divergence", "width")]
         outlines = beams(scene, source, axis, sizes, errors, *widths)
         outlines[np.isnan(found.spots[0])] = np.nan
-        for i, side in enumerate("yz"):
-            made[f"outline_{side}"] = grouped(outlines[..., :OUTLINE, i])
-            made[f"edge_{side}"] = grouped(outlines[..., OUTLINE:, i])
+        made |= by_axis("outline_%", grouped(outlines[..., :OUTLINE, :]), -1, "yz")
+        made |= by_axis("edge_%", grouped(outlines[..., OUTLINE:, :]), -1, "yz")
     values = {
         "tracking_tolerance": 1e3 * found.tolerance,
         "conic": np.moveaxis(found.conic[:6], 0, -1),
         **dict(zip(("eccentricity", "focus_y", "focus_z"), found.conic[6:], strict=True)),
-        "crossing_y": found.crossing[0],
-        "crossing_z": found.crossing[1],
+        **by_axis("crossing_%", found.crossing[:2], 0, "yz"),
         "crossing_error": 1e3 * found.crossing[2],
     }
     for name, array in values.items():
@@ -291,7 +513,7 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
 def _minimum(study: MisalignmentStudy, tolerance: Floats) -> dict[str, NDArray[Any]]:
     """Return the minimum tolerance over all instants, shape (C, H), and the first day and hour at which it occurs."""
     least = np.where(np.isnan(tolerance), np.inf, tolerance).min(axis=-1)
-    first = (tolerance <= least[..., np.newaxis] * (1 + _SAME)).argmax(axis=-1)
+    first = (tolerance <= least[..., np.newaxis] * (1 + 1e-12)).argmax(axis=-1)  # despite rounding
     made: dict[str, NDArray[Any]] = {"minimum_tolerance": np.where(np.isnan(tolerance).all(axis=-1), np.nan, least)}
     labels, places = days_and_hours(study), np.unravel_index(first, tuple(instant_sizes(study).values()))
     for (dim, label), index in zip(labels.items() if study.time else (), places, strict=False):
@@ -344,30 +566,7 @@ def mount_errors_work(study: MisalignmentStudy) -> Computation:
     common: dict[str, Any] = {"labels": tuple(error_keys(study)), "arrays": APART, "unit": "spots"}
     if not block.draws():
         return Computation(fixed_errors, spot_variables(study), **common)
-    errors = []
-    for name, error in block.drawn().items():
-        words = "mean {:g}, standard deviation {:g}" if error.kind == NORMAL else "{:g} to {:g}"
-        seed = "" if error.seed is None else f", seed {error.seed}"
-        errors.append(f"{name} {error.kind} ({words.format(*error.parts)} mrad{seed})")
-    errors.append(f"{block.draws()} draws of Philox 4x64, seed {block.seed or 0}, keyed by error and heliostat")
-    percentile = {"long_name": "percentile over the draws", "units": "1"}
-    axis = {"long_name": "in-mirror axis about which the mirror rotates"}
-    percentiles = np.array(PERCENTILES if study.statistics is None else study.statistics.percentiles.values(), float)
-    return Computation(
-        partial(drawn, percentiles),
-        draw_variables(study),
-        dims={"percentile": (percentiles, percentile), "tolerance_axis": (np.array(TOLERANCE_AXES, object), axis)},
-        attrs={"mount_errors": "; ".join(errors)},
-        finish=lambda points, computed: {
-            "field_hit_fraction": _mean(computed["hit_fraction"].transpose(..., "heliostat").to_numpy())
-        },
-        **common,
-    )
-
-
-def draw_variables(study: MisalignmentStudy) -> dict[str, Variable]:
-    """Return the variables that contain statistics over the draws."""
-    dims, mean = ("heliostat", *instant_sizes(study)), _DRAWS.format("mean")
+    each, mean = ("heliostat", *instant_sizes(study)), _DRAWS.format("mean")
     moments = {
         "spot_y_mean": (
             "m", "mean spot to the right of the aim point, for an observer in the field who faces the receiver", "mean"
@@ -379,44 +578,44 @@ def draw_variables(study: MisalignmentStudy) -> dict[str, Variable]:
     }  # fmt: skip
     real = "over the draws whose ray reaches the receiver's plane; missing if there are no such draws or no sun"
     found = {
-        name: quantity(dims, units, words, real, cell_methods=_DRAWS.format(method))
+        name: quantity(each, units, words, real, cell_methods=_DRAWS.format(method))
         for name, (units, words, method) in moments.items()
     } | {
         "hit_fraction": quantity(
-            dims,
+            each,
             "1",
             "fraction of the draws whose spot lies in the aperture",
             "of all draws, including draws without a spot; missing without sun",
             cell_methods=mean,
         ),
         "real_fraction": quantity(
-            dims,
+            each,
             "1",
             "fraction of the draws whose ray reaches the receiver's plane",
             "missing without sun",
             cell_methods=mean,
         ),
         "spot_status": coded(
-            dims,
+            each,
             "reason for missing spots",
             _AIMED,
             "status of the mount without errors; if it is not 0, no draw has a spot",
         ),
         "remaining_tolerance": quantity(
-            (*dims, "percentile", "tolerance_axis"),
+            (*each, "percentile", "tolerance_axis"),
             "mrad",
             "angle by which the mirror can rotate about its centre before its spot leaves the aperture",
             "percentile over the draws of the minimum angle about the in-mirror axis; 0 for a draw whose spot is "
             "outside or does not exist, infinite if no angle moves the spot outside",
         ),
         "day_hit_fraction": quantity(
-            dims[:-1],
+            each[:-1],
             "1",
             "fraction of the draws, over the hours with sun, in which the spot lies in the aperture",
             cell_methods=f"{mean} time: mean (over the hours with the sun above the horizon)",
         ),
         "field_hit_fraction": quantity(
-            dims[1:],
+            each[1:],
             "1",
             "fraction of the draws and heliostats whose spot lies in the aperture",
             "mean over the heliostats with equal weights; missing without sun",
@@ -425,7 +624,26 @@ def draw_variables(study: MisalignmentStudy) -> dict[str, Variable]:
         ),
     }
     largest = ("hit_fraction", "real_fraction", "remaining_tolerance", "day_hit_fraction", "field_hit_fraction")
-    return with_best(found, largest, ("spot_y_variance", "spot_z_variance"))
+    variables = with_best(found, largest, ("spot_y_variance", "spot_z_variance"))
+    errors = []
+    for name, error in block.drawn().items():
+        words = "mean {:g}, standard deviation {:g}" if error.kind == NORMAL else "{:g} to {:g}"
+        seed = "" if error.seed is None else f", seed {error.seed}"
+        errors.append(f"{name} {error.kind} ({words.format(*error.parts)} mrad{seed})")
+    errors.append(f"{block.draws()} draws of Philox 4x64, seed {block.seed or 0}, keyed by error and heliostat")
+    percentile = {"long_name": "percentile over the draws", "units": "1"}
+    axis = {"long_name": "in-mirror axis about which the mirror rotates"}
+    percentiles = np.array(PERCENTILES if study.statistics is None else study.statistics.percentiles.values(), float)
+    return Computation(
+        partial(drawn, percentiles),
+        variables,
+        dims={"percentile": (percentiles, percentile), "tolerance_axis": (np.array(TOLERANCE_AXES, object), axis)},
+        attrs={"mount_errors": "; ".join(errors)},
+        finish=lambda points, computed: {
+            "field_hit_fraction": _mean(computed["hit_fraction"].transpose(..., "heliostat").to_numpy())
+        },
+        **common,
+    )
 
 
 def fixed_errors(point: Point) -> dict[str, NDArray[Any]]:

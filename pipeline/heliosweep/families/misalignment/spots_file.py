@@ -194,50 +194,18 @@ class MeasuredSpots:
         last[order] = np.searchsorted(of, of, "right") - np.arange(of.size)
         return last <= given
 
-    def problems(self, rows: NDArray[np.int64], messages: Sequence[str]) -> list[Problem]:
-        """Return one problem for each message, with the line number of its row in the file."""
-        lines = self.lines[rows].tolist()
-        found = (Problem(text, "", self.name, line) for text, line in zip(messages, lines, strict=False))
-        return listed(found, MAX_LISTED, rows.size) if rows.size else []
-
 
 @read_once(4)
-def spots_under_suns(
+def read_spots(
     path: Path,
-    count: int,
-    names: tuple[str, ...],
-    place: tuple[float, float | None, float],
+    heliostats: int,
+    names: tuple[str, ...] = (),
+    place: tuple[float, float | None, float] | None = None,
     crossings: bool = False,
     timezone: str = "",
     columns: tuple[tuple[str, str, float, float], ...] = (),
 ) -> MeasuredSpots:
-    """Read the spots in a file with `read_spots`, and compute their sun vectors at a site.
-
-    `place` contains latitude and longitude [deg] and altitude [m]. A longitude is required if the spots have times.
-    """
-    measured = read_spots(path, count, names, crossings=crossings, timezone=timezone, columns=columns)
-    latitude, longitude, altitude = place
-    if not measured.timed or longitude is None:
-        return measured
-    from heliosweep.sun import sun_vectors
-
-    sun = sun_vectors(measured.utc, latitude, longitude, altitude)
-    if (low := np.flatnonzero(~(sun[:, 2] > 0))).size:
-        words = "; check the time, its offset and the site"
-        raise StudyError(measured.problems(low, [_below(sun[row]) + words for row in low[:MAX_LISTED]]))
-    return replace(measured, sun=sun)
-
-
-def read_spots(
-    path: str | Path,
-    heliostats: int,
-    names: Sequence[str] = (),
-    name: str | None = None,
-    crossings: bool = False,
-    timezone: str = "",
-    columns: Sequence[tuple[str, str, float, float]] = (),
-) -> MeasuredSpots:
-    """Read measured spots, or detector crossings, from a CSV file.
+    """Read measured spots, or detector crossings, from a CSV file, and compute their sun vectors at a site.
 
     The first row contains column titles from `COLUMNS`. The columns ``heliostat``, ``y`` and ``z`` are required, and
     also either ``time`` or all of ``sun_x``, ``sun_y`` and ``sun_z``. The columns ``weight``, ``azimuth`` with
@@ -246,19 +214,20 @@ def read_spots(
 
     Parameters
     ----------
-    path : str or Path
+    path : Path
         File to read.
     heliostats : int
         Number of heliostats.
-    names : sequence of str, optional
+    names : tuple of str, optional
         Names of the heliostats.
-    name : str, optional
-        Name of the file in messages; `path` by default.
+    place : tuple, optional
+        Latitude and longitude [deg] and altitude [m] of the site. If the place or the longitude is missing, spots with
+        times have no sun vectors.
     crossings : bool
         True if the rows are crossings, which need a column ``trace``.
     timezone : str
         Time zone of times without an offset, as an offset or an IANA name. If omitted, all times need an offset.
-    columns : sequence of tuples
+    columns : tuple of tuples
         Key, title in the file, scale and offset of each renamed or scaled column.
 
     Returns
@@ -278,8 +247,8 @@ def read_spots(
         meaning = f"{title!r} in 'calibration.columns'"
         known[key] = replace(known[key], meaning=meaning, required=True, scale=scale, offset=offset)
     table = read_table(
-        Path(path),
-        str(path) if name is None else name,
+        path,
+        str(path),
         known,
         others=True,
         rows="crossings" if crossings else "spots",
@@ -317,7 +286,15 @@ def read_spots(
         tuple(table.texts("spot")) if "spot" in table.header else (),
     )
     table.finish()
-    return spots
+    if place is None or place[1] is None or not spots.timed:
+        return spots
+    from heliosweep.sun import sun_vectors
+
+    sun = sun_vectors(spots.utc, *place)
+    for row in np.flatnonzero(~(sun[:, 2] > 0)).tolist():
+        table.add(f"{_below(sun[row])}; check the time, its offset and the site", row)
+    table.finish()
+    return replace(spots, sun=sun)
 
 
 def _below(sun: Floats) -> str:
@@ -384,16 +361,10 @@ class Segments(NamedTuple):
     origin: Floats
     #: Start and end of each segment relative to its reference point, shape (S, 2); infinite for lines. [m]
     ends: Floats
-
-    @property
-    def starts(self) -> NDArray[np.int64]:
-        """Index of the first segment of each array, shape (A,)."""
-        return np.flatnonzero(np.diff(self.array, prepend=-1))
-
-    @property
-    def most(self) -> int:
-        """Maximum number of crossings between a trace and an array: two for each segment."""
-        return 2 * int(np.bincount(self.array).max())
+    #: Index of the first segment of each array, shape (A,).
+    starts: NDArray[np.int64]
+    #: Maximum number of crossings between a trace and an array: two for each segment.
+    most: int
 
     def by_array(self, places: Floats, angles: Floats) -> tuple[Floats, Floats]:
         """Convert positions on segments, shape (..., S, 2), to ascending positions along arrays, shape (..., A, C).
@@ -455,7 +426,8 @@ def segments_of(block: Any) -> Segments:
             rows.append((number, start, (stop - start) / length, place, (0.0, length)))
             place += length
     numbers, *columns = zip(*rows, strict=True)
-    return Segments(np.array(numbers, np.int64), *(np.array(column, np.float64) for column in columns))
+    starts, most = np.unique(numbers, return_index=True)[1], 2 * int(np.bincount(numbers).max())
+    return Segments(np.array(numbers), *(np.array(column, np.float64) for column in columns), starts, most)
 
 
 def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
@@ -509,7 +481,11 @@ def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem
         far = distance > FARTHEST_CROSSING
         words = "the crossing is {:.4g} m from the nearest detector array: check that both are in metres"
     rows = np.flatnonzero(far)
-    return measured.problems(rows, [words.format(distance[row], away[row]) for row in rows[:MAX_LISTED]])
+    found = (
+        Problem(words.format(distance[row], away[row]), "", measured.name, int(measured.lines[row]))
+        for row in rows[:MAX_LISTED]
+    )
+    return listed(found, MAX_LISTED, rows.size) if rows.size else []
 
 
 def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
