@@ -36,8 +36,8 @@ from heliosweep.kernels.field.packets import SPINNING_ELEVATION
 from heliosweep.kernels.mounts import ERRORS
 
 if TYPE_CHECKING:
-    from heliosweep.families.field_efficiency.study import DesignPoint, FieldEfficiencyStudy
     from heliosweep.families.family import Point
+    from heliosweep.families.field_efficiency.study import DesignPoint, FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
 
 #: Default relative standard error of the field's energy for ordinary results and for draws. [1]
