@@ -258,7 +258,7 @@ def validated(
         message = f"unknown family{did_you_mean(str(family), names) or f'; use {one_of(names)}'} (got {shown(family)})"
         message = f"is missing: {one_of(names)}" if family is None else message
         _refuse([*problems, source.problem(("family",), message)])
-    study_class = registry[family]
+    study_class = registry[str(family)]
     source = with_patterns(source, study_class)
     if {"site", "sites"} & set(study_class.model_fields):
         source = with_weather_sites(source, problems)

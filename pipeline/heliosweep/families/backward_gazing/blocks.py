@@ -409,9 +409,9 @@ METADATA = {
     "DISTANCE": _said("Distance between the centres of the heliostat and the target", "m", gt=0),
     "PIXANGLE": _said("Angular size of a pixel in an image of the sun", "mrad", gt=0),
 }
-Metadata: Any = create_model(
+Metadata: Any = create_model(  # type: ignore[call-overload]  # the types of fields are expressions
     "Metadata", __base__=Block, __doc__="Image metadata. Values in the study have priority over metadata.",
-    **{key: (Annotated[float | None, quantity], None) for key, quantity in METADATA.items()},  # type: ignore[arg-type]
+    **{key: (Annotated[float | None, quantity], None) for key, quantity in METADATA.items()},
 )  # fmt: skip
 
 

@@ -76,7 +76,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
     """Yield the figures for a result of any mode. For a field, maps come first."""
     sizes = [dim for dim in ("error_size", *ERRORS) if result.sizes.get(dim, 0) > 2]
     measured = " Crosses: measured spots." if "measured_y" in result.coords else ""
-    spots = [
+    spots: list[Figure] = [
         *(
             Planes(
                 "deviation_curves",
@@ -467,7 +467,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
 
 def _of_statistics(result: xr.Dataset) -> Remarks:
     real = result["real_fraction"].to_numpy()
-    some, none = np.count_nonzero((real > 0) & (real < 1)), np.count_nonzero(real == 0)
+    some, none = int(np.count_nonzero((real > 0) & (real < 1))), int(np.count_nonzero(real == 0))
     yield some, f"{some:,} of {real.size:,} statistics omit draws whose ray does not reach the receiver's plane"
     yield none, f"{none:,} of {real.size:,} statistics are missing: no draw's ray reaches the receiver's plane"
 

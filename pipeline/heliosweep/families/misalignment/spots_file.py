@@ -290,7 +290,7 @@ def read_spots(
         return spots
     from heliosweep.sun import sun_vectors
 
-    sun = sun_vectors(spots.utc, *place)
+    sun = sun_vectors(spots.utc, *place)  # type: ignore[arg-type]  # the longitude is known
     for row in np.flatnonzero(~(sun[:, 2] > 0)).tolist():
         table.add(f"{_below(sun[row])}; check the time, its offset and the site", row)
     table.finish()
@@ -427,7 +427,7 @@ def segments_of(block: Any) -> Segments:
             place += length
     numbers, *columns = zip(*rows, strict=True)
     starts, most = np.unique(numbers, return_index=True)[1], 2 * int(np.bincount(numbers).max())
-    return Segments(np.array(numbers), *(np.array(column, np.float64) for column in columns), starts, most)
+    return Segments._make([np.array(numbers), *(np.array(column, np.float64) for column in columns), starts, most])
 
 
 def examine_table(study: MisalignmentStudy) -> Iterator[Problem | str]:
