@@ -59,13 +59,13 @@ from heliosweep.mounts import mount_spots as mount_spots
 from heliosweep.share.archive import pack_result as pack_result
 from heliosweep.share.fields import layout_of as layout_of
 from heliosweep.share.fields import read_layout as read_layout
+from heliosweep.share.fields import to_frame as to_frame
 from heliosweep.share.fields import write_corrections as write_corrections
+from heliosweep.share.fields import write_csv as write_csv
 from heliosweep.share.fields import write_layout as write_layout
 from heliosweep.share.fields import write_paint_spots as write_paint_spots
 from heliosweep.share.fields import write_paint_study as write_paint_study
-from heliosweep.share.frames import to_frame as to_frame
-from heliosweep.share.frames import write_csv as write_csv
-from heliosweep.share.frames import write_xlsx as write_xlsx
+from heliosweep.share.fields import write_xlsx as write_xlsx
 from heliosweep.share.sam import tower_electricity as tower_electricity
 from heliosweep.share.sam import write_table as write_table
 from heliosweep.share.weather import download_weather as download_weather

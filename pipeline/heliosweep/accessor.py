@@ -20,7 +20,7 @@ from heliosweep.files import user_path
 from heliosweep.lazy import pd
 from heliosweep.report.comparison import FILE as COMPARISON
 from heliosweep.report.figures import Context, Curves, Figure, Maps, axis_label
-from heliosweep.share import frames, sam
+from heliosweep.share import fields, sam
 from heliosweep.share.fields import chosen, label
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Plots:
         StudyError
             If the variable does not exist, or if `select` has no value for one of its dimensions.
         """
-        here = chosen(self._result[frames.names_of(self._result, variable)], select, ("heliostat",))
+        here = chosen(self._result[fields.names_of(self._result, variable)], select, ("heliostat",))
         if "heliostat" not in here[variable].dims:
             raise StudyError(Problem("has no dimension 'heliostat', which a map requires", variable))
         if not {"x", "y"} <= set(here.coords):
@@ -83,7 +83,7 @@ class Plots:
         StudyError
             If the variable or dimension does not exist, or if `select` omits more than one dimension.
         """
-        here = chosen(self._result[frames.names_of(self._result, variable)], select, (along,), left=1)
+        here = chosen(self._result[fields.names_of(self._result, variable)], select, (along,), left=1)
         if along not in here[variable].dims:
             dims = ", ".join(map(str, here[variable].dims))
             raise StudyError(Problem(f"is not a dimension of {variable}, which has {dims}", along))
@@ -217,8 +217,8 @@ class HeliosweepAccessor:
             raise StudyError(Problem("the result has no variables"))
         if tables := self._tables():
             return tables
-        dims, names = min(frames.groups(result).items(), key=lambda group: len(group[0]))
-        return {f"over {', '.join(dims)}" if dims else "values": frames.to_frame(result, names, units=True)}
+        dims, names = min(fields.groups(result).items(), key=lambda group: len(group[0]))
+        return {f"over {', '.join(dims)}" if dims else "values": fields.to_frame(result, names, units=True)}
 
     def _tables(self) -> dict[str, pd.DataFrame]:
         with self._part("tables") as family:
@@ -253,19 +253,19 @@ class HeliosweepAccessor:
         return values.astype({"published": float}).reset_index(drop=True)
 
     def to_frame(self, variables: str | Sequence[str] | None = None, *, units: bool = False) -> pd.DataFrame:
-        """Return variables as a table; see `share.frames.to_frame`."""
-        return frames.to_frame(self._result, variables, units=units)
+        """Return variables as a table; see `share.fields.to_frame`."""
+        return fields.to_frame(self._result, variables, units=units)
 
     def to_csv(
         self, path: str | os.PathLike[str], variables: str | Sequence[str] | None = None, *, force: bool = False
     ) -> Path:
-        """Write variables as a CSV file; see `share.frames.write_csv`."""
-        return frames.write_csv(self._result, path, variables, force=force)
+        """Write variables as a CSV file; see `share.fields.write_csv`."""
+        return fields.write_csv(self._result, path, variables, force=force)
 
     def to_xlsx(
         self, path: str | os.PathLike[str], variables: str | Sequence[str] | None = None, *, force: bool = False
     ) -> Path:
-        """Write variables as an Excel workbook; see `share.frames.write_xlsx`.
+        """Write variables as an Excel workbook; see `share.fields.write_xlsx`.
 
         If no variables are named, the tables of the report and the comparison with published numbers come first.
         """
@@ -275,7 +275,7 @@ class HeliosweepAccessor:
                 tables = self._tables()
             if (compared := self._beside(COMPARISON)) is not None:
                 tables["published numbers"] = pd.read_csv(compared)
-        return frames.write_xlsx(self._result, path, variables, tables=tables, force=force)
+        return fields.write_xlsx(self._result, path, variables, tables=tables, force=force)
 
     def efficiency_table(self, select: Mapping[str, Any] | None = None, *, factor: float = 1.0) -> xr.DataArray:
         """Return the efficiency as a function of the sun's direction; see `share.sam.efficiency_table`."""

@@ -136,9 +136,7 @@ def _compute(work: Work | bytes, chunk: Piece) -> Values:
     return (_unpickled(work) if isinstance(work, bytes) else work).compute(chunk)
 
 
-@lru_cache(1)
-def _unpickled(data: bytes) -> Any:
-    return pickle.loads(data)
+_unpickled = lru_cache(1)(pickle.loads)
 
 
 def _begin_worker() -> None:

@@ -25,7 +25,7 @@ product of the missing factors. SAM's generic solar field multiplies by its own 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -253,25 +253,35 @@ def write_table(
 
 
 def table_rows(table: xr.DataArray, form: TableForm = "tower") -> list[list[object]]:
-    """Return the rows of an efficiency table or of flux maps in one of the formats of `write_table`."""
+    """Return the rows of an efficiency table or of flux maps in one of the formats of `write_table`.
+
+    Values are added at the missing end of the full circle if one end exists, because SAM does not interpolate
+    periodically.
+    """
     azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
-    values = table.to_numpy()[:, order]
-    if form != "solarpilot" or azimuth.size < table.sizes[_AZIMUTH]:
-        azimuth, values = _closed(azimuth, values, -180.0 if form == "generic" else 0.0)
-    return [list(row) for row in _rows(form, azimuth, table[_ELEVATION].to_numpy(), values)]
-
-
-def _rows(form: str, azimuth: NDArray, elevation: NDArray, values: NDArray) -> Iterator[Sequence[object]]:
-    for i, j in np.ndindex(values.shape[:2]) if form == "tower" else ():
-        if np.isfinite(values[i, j]).all():
-            angles = (azimuth[j], 90 - elevation[i]) if values.ndim == 2 else ()
-            yield [_number(each) for each in (*angles, *np.atleast_1d(values[i, j]))]
-    if form != "tower":
+    values, elevation = table.to_numpy()[:, order], table[_ELEVATION].to_numpy()
+    low = -180.0 if form == "generic" else 0.0
+    first, last = azimuth[0] == low, azimuth[-1] == low + 360.0
+    if first != last and (form != "solarpilot" or azimuth.size < table.sizes[_AZIMUTH]):
+        place, end, source = (azimuth.size, low + 360.0, 0) if first else (0, low, -1)
+        azimuth, values = np.insert(azimuth, place, end), np.insert(values, place, values[:, source], axis=1)
+    rows: list[list[Any]] = []
+    if form == "tower":
+        for i, j in np.ndindex(values.shape[:2]):
+            if np.isfinite(values[i, j]).all():
+                angles = [azimuth[j], 90 - elevation[i]] if values.ndim == 2 else []
+                rows.append([*angles, *np.atleast_1d(values[i, j])])
+    else:
         known = np.nan_to_num(values)
         matrix = ("", azimuth, 90 - elevation[::-1], known[::-1])
-        corner, head, side, rows = (0, elevation, azimuth, known.T) if form == "solarpilot" else matrix
-        yield corner, *map(_number, head)
-        yield from ((_number(first), *map(_number, row)) for first, row in zip(side, rows, strict=True))
+        corner, head, side, cells = (0, elevation, azimuth, known.T) if form == "solarpilot" else matrix
+        rows = [[corner, *head], *([angle, *row] for angle, row in zip(side, cells, strict=True))]
+    return [[cell if isinstance(cell, str) else _number(cell) for cell in row] for row in rows]
+
+
+def _number(value: float) -> float | int:
+    rounded = round(float(value), 9) + 0.0
+    return int(rounded) if rounded.is_integer() else rounded
 
 
 def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
@@ -295,20 +305,6 @@ def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
             Problem(f"two azimuths are the same direction (got {azimuth[order][twice[0]]:g} twice)", _AZIMUTH)
         )
     return azimuth[order], order
-
-
-def _closed(azimuth: NDArray, values: NDArray, low: float) -> tuple[NDArray, NDArray]:
-    """Add values at the missing end of the full circle if one end exists. SAM does not interpolate periodically."""
-    if azimuth[0] == low and azimuth[-1] != low + 360.0:
-        return np.append(azimuth, low + 360.0), np.hstack([values, values[:, :1]])
-    if azimuth[-1] == low + 360.0 and azimuth[0] != low:
-        return np.insert(azimuth, 0, low), np.hstack([values[:, -1:], values])
-    return azimuth, values
-
-
-def _number(value: float) -> float | int:
-    rounded = round(float(value), 9) + 0.0
-    return int(rounded) if rounded.is_integer() else rounded
 
 
 #: Python module of SAM, package that contains the module, and extra that installs the package.

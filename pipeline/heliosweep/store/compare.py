@@ -44,9 +44,7 @@ class Comparison:
         """True if the contents are equal."""
         return not self.differences
 
-    @property
-    def lines(self) -> list[str]:
-        """Lines with both paths, the differences, the notes and the verdict."""
+    def __str__(self) -> str:
         if self.same_bytes:
             verdict = "same bytes"
         elif self.same:
@@ -54,10 +52,7 @@ class Comparison:
         else:
             count = len(self.differences)
             verdict = f"{count} difference{'s' if count > 1 else ''}"
-        return [f"A: {self.a}", f"B: {self.b}", *self.differences, *self.notes, verdict]
-
-    def __str__(self) -> str:
-        return "\n".join(self.lines)
+        return "\n".join([f"A: {self.a}", f"B: {self.b}", *self.differences, *self.notes, verdict])
 
 
 def compare(
