@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import matplotlib
 import numpy as np
@@ -257,14 +257,7 @@ def _tick_plain(axis: Axis) -> None:
 
 def _curves(context: Context, figure: Curves, over: Sequence[str]) -> Iterator[NamedFigure]:
     result, (axis,) = context.result, over
-    names = [name for name in figure.variables if axes_of(result, figure, name) == [axis]]
-    names = ([name for name in names if _varies(result[name], axis)] or names)[: figure.most]
-    rest = [str(dim) for dim, size in result[names[0]].sizes.items() if dim != axis and size > 1]
-    line = preferred(result, rest, figure.lines)
-    others = [dim for dim in rest if dim != line and dim in (figure.panels or rest)]
-    panel = preferred(result, others, figure.panels) if len(names) < 3 else None
-    fixed = {dim: i for name in reversed(names) for dim, i in context.fixed(result[name], axis, line, panel).items()}
-    lines, places = context.chosen(line, MOST_LINES), context.chosen(panel, max(1, figure.most // len(names)))
+    names, line, lines, places, fixed = _curves_chosen(context, figure, axis)
     shown, words = list(itertools.product(names, places)), context.along(axis)[1]
     crowded, ordered = sum(map(len, words)) > 60, bool(line and is_ordered(result, line))
     columns = len(places) if len(names) > 1 and 1 < len(places) <= COLUMNS else 3 if len(shown) == 3 else 2
@@ -289,24 +282,26 @@ def _curves(context: Context, figure: Curves, over: Sequence[str]) -> Iterator[N
         yield NamedFigure(figure.name, _caption(figure, context.note(fixed, lines, places)), drawing)
 
 
-def _varies(array: xr.DataArray, axis: str) -> bool:
-    """Return False if an array is nearly constant along an axis. Large arrays are not checked."""
-    if array.size > 200_000 or array.dtype.kind == "M":
-        return True
-    values = np.ma.masked_invalid(np.moveaxis(array.to_numpy(), array.dims.index(axis), 0))
-    low, high = values.min(0), values.max(0)
-    return bool(np.ma.any(np.abs(high - low) > 3e-4 * np.abs(high))) or not values.count()
+def _curves_chosen(
+    context: Context, figure: Curves, axis: str
+) -> tuple[list[str], str | None, list[dict[str, int]], list[dict[str, int]], dict[str, int]]:
+    result = context.result
+    names = [name for name in figure.variables if axes_of(result, figure, name) == [axis]]
+    names = ([name for name in names if _varies(result[name], axis)] or names)[: figure.most]
+    rest = [str(dim) for dim, size in result[names[0]].sizes.items() if dim != axis and size > 1]
+    line = preferred(result, rest, figure.lines)
+    others = [dim for dim in rest if dim != line and dim in (figure.panels or rest)]
+    panel = preferred(result, others, figure.panels) if len(names) < 3 else None
+    fixed = {dim: i for name in reversed(names) for dim, i in context.fixed(result[name], axis, line, panel).items()}
+    places = context.chosen(panel, max(1, figure.most // len(names)))
+    return names, line, context.chosen(line, MOST_LINES), places, fixed
 
 
 def _lines(
     axes: Axes, context: Context, figure: Curves, axis: str, name: str, place: Point,
     lines: Sequence[Point], looks: Mapping[str, Mapping[str, Any]],
 ) -> dict[str, Any]:  # fmt: skip
-    """Draw the lines of a panel, and their bands or error bars; return the lines for the legend."""
     result, entries, order, (x, words) = context.result, dict[str, Any](), context.order(axis), context.along(axis)
-    pairs = (figure.bands.get(name, ()), (f"{name}_error",), (f"{name}_standard_error",))
-    known = {name for name, one in result.data_vars.items() if set(one.dims) <= {*result[name].dims}}
-    band = next((pair for pair in pairs if pair and set(pair) <= known), ())
     for number, point in enumerate(lines if set(lines[0]) <= set(result[name].dims) else [{}]):
         values, label = at(result[name], place, point), context.values(point)
         if values.dims != (axis,) or not values.notnull().any():
@@ -318,16 +313,26 @@ def _lines(
         elif values.size > MARKED and not figure.styled:
             look["marker"] = ""
         along: Any = x + 0.12 * (number - (len(lines) - 1) / 2) if words and label and not joined else x
-        ends = [at(result[end], place, point) for end in band]
+        ends = [at(result[end], place, point) for end in _band(result, figure, name)]
         y, *sides = (np.asarray(printed(one, values))[order] for one in (values, *ends))
-        low, high = sides if len(sides) == 2 else (y - sides[0], y + sides[0]) if sides else (y, y)
-        if sides and joined:
-            axes.fill_between(along, low, high, color=look["color"], alpha=0.2, linewidth=0)
-        elif sides:
-            error = np.abs([y - low, high - y])
-            axes.errorbar(along, y, error, fmt="none", ecolor=look["color"], elinewidth=1, capsize=2)
+        _draw_band(axes, along, y, sides, look["color"], joined)
         (entries[label],) = axes.plot(along, y, **look)
     return entries
+
+
+def _varies(array: xr.DataArray, axis: str) -> bool:
+    """Return False if an array is nearly constant along an axis. Large arrays are not checked."""
+    if array.size > 200_000 or array.dtype.kind == "M":
+        return True
+    values = np.ma.masked_invalid(np.moveaxis(array.to_numpy(), array.dims.index(axis), 0))
+    low, high = values.min(0), values.max(0)
+    return bool(np.ma.any(np.abs(high - low) > 3e-4 * np.abs(high))) or not values.count()
+
+
+def _band(result: xr.Dataset, figure: Curves, name: str) -> Sequence[str]:
+    dims, pairs = set(result[name].dims), (figure.bands.get(name, ()), (f"{name}_error",), (f"{name}_standard_error",))
+    known = {name for name, one in result.data_vars.items() if set(one.dims) <= dims}
+    return next((pair for pair in pairs if pair and set(pair) <= known), ())
 
 
 def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], ordered: bool) -> dict[str, dict[str, Any]]:
@@ -340,6 +345,18 @@ def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], order
             names, itertools.cycle(colours), itertools.cycle(dashes), itertools.cycle(MARKERS), strict=False
         )
     }
+
+
+def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], colour: Any, joined: bool) -> None:
+    """Draw a band along a line, or error bars at points.
+
+    `sides` contains the lower and upper ends of the band, or half of its width. If `sides` is empty, no band is drawn.
+    """
+    low, high = sides if len(sides) == 2 else (y - sides[0], y + sides[0]) if sides else (y, y)
+    if sides and joined:
+        axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
+    elif sides:
+        axes.errorbar(x, y, np.abs([y - low, high - y]), fmt="none", ecolor=colour, elinewidth=1, capsize=2)
 
 
 def _scale(axes: Axes, array: xr.DataArray, logarithmic: bool) -> None:
@@ -394,60 +411,81 @@ def colour_bar(
 
 
 def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterator[NamedFigure]:
-    result, is_map = context.result, isinstance(figure, Maps)
-    shown, fixed, columns, note = _chosen(context, figure, over)
-    maps = [values for *_, values in shown]
-    if not any(np.isfinite(values).any() for values in maps):
+    shown, fixed, columns, note = (_each_variable if figure.each else _each_point)(context, figure, over)
+    if not any(np.isfinite(values).any() for *_, values in shown):
         return
-    height, equal = {Maps: 0.9, Grids: 0.85}.get(type(figure), 0.6), is_map
-    if isinstance(figure, Rasters) and len({unit_of(context.coordinate(dim)) for dim in over}) == 1:
-        up, right = (np.ptp(context.along(dim)[0]) for dim in over)
-        height, equal = float(np.clip(up / max(right, 1e-9), 0.3, 1.5)), True
-    layout = "compressed" if equal else "constrained"
+    height, equal = _shape(context, figure, over)
+    layout = ("constrained", "compressed")[equal]
     drawing, grid = panels(len(shown), columns, height, layout=layout, sharex=True, sharey=True)
+    maps = [values for *_, values in shown]
     for axes, (name, point, values) in zip(grid, shown, strict=True):
+        array = context.result[name]
         look = shades([values] if figure.each else maps, figure.palette, figure.kinds)
-        if is_map:
-            mean = number_texts(np.ma.masked_invalid(values).mean(keepdims=True).filled(np.nan))[0]
-            title = f"{context.fulls(point)}\nmean {mean} {unit_of(result[name])}".strip()
-            field_map(axes, result.isel({**fixed, **point}, missing_dims="ignore"), values, *look[:2])
-            axes.set(xlabel="east (m)", ylabel="north (m)")
-        else:
-            head = capital(title_of(result[name])) if len(figure.variables) > 1 and not figure.each else ""
-            title = f"{head}\n{context.fulls(point)}".strip()
-            _cells(axes, context, over, values, look)
-        if equal and not is_map:
-            axes.set_aspect("equal")
-            _outline_modules(axes, result)
-        axes.set_title(fold(title, int(TITLE_LETTERS * WIDE / max(columns, 2))))
+        _panel(axes, context, figure, over, array, {**fixed, **point}, values, look)
+        axes.set_title(fold(_title(context, figure, array, point, values), int(TITLE_LETTERS * WIDE / max(columns, 2))))
         if figure.each or (axes is grid[0] and not figure.kinds):
-            colour_bar(drawing, [axes] if figure.each else grid, *look, axis_label(result[name]))
+            colour_bar(drawing, [axes] if figure.each else grid, *look, axis_label(context.result[name]))
     label_outside(grid, columns)
     legend(
         drawing, {word: patches.Patch(facecolor=colour, edgecolor="#666666") for word, colour in figure.kinds.values()}
     )
     symbols = "Each square is a mirror, drawn with one side towards the tower (triangle); grey: no value."
-    yield NamedFigure(figure.name, _caption(figure, symbols * is_map, note), drawing)
+    yield NamedFigure(figure.name, _caption(figure, symbols * isinstance(figure, Maps), note), drawing)
     if getattr(figure, "less", "") in {dim for _, point, _ in shown for dim in point}:
         yield from _coloured(*_differences(context, figure), over)
 
 
-def _cells(axes: Axes, context: Context, over: Sequence[str], values: np.ndarray, look: Sequence[Any]) -> None:
-    """Draw cells over two dimensions, the first of which is vertical."""
+def _shape(context: Context, figure: Coloured, over: Sequence[str]) -> tuple[float, bool]:
+    """Return the ratio of height to width of coloured panels, and True if both axes have equal scales."""
+    if isinstance(figure, Rasters) and len({unit_of(context.coordinate(dim)) for dim in over}) == 1:
+        up, right = (np.ptp(context.along(dim)[0]) for dim in over)
+        return float(np.clip(up / max(right, 1e-9), 0.3, 1.5)), True
+    return {Maps: 0.9, Grids: 0.85}.get(type(figure), 0.6), isinstance(figure, Maps)
+
+
+def _panel(
+    axes: Axes, context: Context, figure: Coloured, over: Sequence[str], array: xr.DataArray, place: Point,
+    values: np.ndarray, look: Sequence[Any],
+) -> None:  # fmt: skip
+    """Draw the mirrors of a field, or cells over two dimensions, the first of which is vertical."""
+    if isinstance(figure, Maps):
+        field_map(axes, context.result.isel(place, missing_dims="ignore"), values, *look[:2])
+        axes.set(xlabel="east (m)", ylabel="north (m)")
+        return
     up, right = (edges(places, is_geometric(places)) for places in (context.along(dim)[0] for dim in over))
     axes.pcolormesh(right, up, np.ma.masked_invalid(values), norm=look[0], cmap=look[1], rasterized=True)
     axes.set_facecolor(NO_VALUE)
     for axis, dim in zip((axes.yaxis, axes.xaxis), over, strict=True):
         set_ticks(axis, context, dim, 5)
         axis.set_label_text(fold(context.label(dim), 28))
+    if isinstance(figure, Rasters) and _shape(context, figure, over)[1]:
+        axes.set_aspect("equal")
+        _outline_modules(axes, context.result)
 
 
-def _chosen(
-    context: Context, figure: Coloured, over: Sequence[str]
-) -> tuple[list[tuple[str, Point, np.ndarray]], dict[str, int], int, str]:
-    """Return panels (variable, point and values), fixed positions, number of columns, and sentence for the caption."""
+def _title(context: Context, figure: Coloured, array: xr.DataArray, point: Point, values: np.ndarray) -> str:
+    if isinstance(figure, Maps):
+        mean = number_texts(np.ma.masked_invalid(values).mean(keepdims=True).filled(np.nan))[0]
+        return f"{context.fulls(point)}\nmean {mean} {unit_of(array)}".strip()
+    name = capital(title_of(array)) if len(figure.variables) > 1 and not figure.each else ""
+    return f"{name}\n{context.fulls(point)}".strip()
+
+
+#: Tuple of panels (variable, point and values), fixed positions, number of columns, and sentence for the caption.
+Chosen: TypeAlias = tuple[list[tuple[str, Point, np.ndarray]], dict[str, int], int, str]
+
+
+def _each_variable(context: Context, figure: Coloured, over: Sequence[str]) -> Chosen:
+    names = [name for name in figure.variables if set(over) <= set(context.result[name].dims)]
+    every = [(name, dict[str, int](), _values(context, name, over)) for name in names]
+    shown = [one for one in every if np.unique(one[2][np.isfinite(one[2])]).size > 1][:MOST_PANELS]
+    fixed = context.fixed(context.result[figure.variables[0]], *over)
+    return [*shown], fixed, abreast(len(shown)), context.note(fixed)
+
+
+def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chosen:
     result, array, is_map = context.result, context.result[figure.variables[0]], isinstance(figure, Maps)
-    dims = [str(dim) for dim in array.dims if dim not in over and array.sizes[dim] > 1 and not figure.each]
+    dims = [str(dim) for dim in array.dims if dim not in over and array.sizes[dim] > 1]
     across, rest = preferred(result, dims, figure.panels), dims * (is_map or len(figure.variables) == 1)
     rest = [dim for dim in rest if dim != across]  # there is no other dimension if the rows are variables
     down = preferred(result, rest, figure.lines)
@@ -456,16 +494,11 @@ def _chosen(
     points = [{**row, **place} for row, place in itertools.product(rows, places)]
     names = [name for name in figure.variables if result[name].dims == array.dims]
     names = names[: 1 if is_map else max(1, 8 // max(len(points), 1))]
-    if figure.each:
-        names = [name for name in figure.variables if set(over) <= set(result[name].dims)]
-    every = [
-        (name, point, _values(context, name, over, fixed, point)) for name, point in itertools.product(names, points)
-    ]
-    shown = [one for one in every if not figure.each or np.unique(one[2][np.isfinite(one[2])]).size > 1]
-    shown = shown[: MOST_PANELS if figure.each else None]
+    panels = itertools.product(names, points)
+    shown = [(name, point, _values(context, name, over, fixed, point)) for name, point in panels]
     is_table = down is not None or min(len(points), len(names)) > 1
-    most = COLUMNS - (len(names) > 1 and not figure.each)
-    return shown, fixed, len(places) if is_table else abreast(len(shown), most), context.note(fixed, rows, places)
+    columns = len(places) if is_table else abreast(len(shown), COLUMNS - (len(names) > 1))
+    return [*shown], fixed, columns, context.note(fixed, rows, places)
 
 
 def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:

@@ -114,6 +114,12 @@ def client() -> str:
     return "\n".join(Resources(mode="inline", components=["bokeh", "bokeh-widgets"], log_level="warn").js_raw)
 
 
+def _select(dim: dict[str, Any], position: int) -> Select:
+    options: list[Any] = [(str(i), text) for i, text in enumerate(dim["texts"])]
+    nearest = int(np.argmin(np.abs(dim["kept"] - position)))
+    return Select(title=dim["title"], value=str(nearest), options=options)
+
+
 def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     context = Context(result, figure.at)
     axes, sizes = axes_of(result, figure, figure.variables[0]) or [], result[figure.variables[0]].sizes
@@ -127,11 +133,7 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     titles: list[Any] = [(name, quantity["title"]) for name, quantity in quantities.items()]
     choose = Select(title="Quantity", value=titles[0][0], options=titles, visible=len(titles) > 1)
     chosen = [dim for dim, one in dims.items() if dim not in keep and len(one["texts"]) > 1]
-    selects = dict[str, Select]()
-    for dim in chosen:
-        options: list[Any] = [(str(i), text) for i, text in enumerate(dims[dim]["texts"])]
-        nearest = int(np.argmin(np.abs(dims[dim]["kept"] - context.position(dim))))
-        selects[dim] = Select(title=dims[dim]["title"], value=str(nearest), options=options)
+    selects = {dim: _select(dims[dim], context.position(dim)) for dim in chosen}
     told = Div(text="", styles={"font-size": "14px"})
     drawing, arguments = {Maps: _map, Rasters: _picture}.get(type(figure), _lines)(context, figure, dims, axes, line)
     arguments |= {

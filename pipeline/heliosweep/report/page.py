@@ -318,10 +318,11 @@ def write_comparison(compared: Sequence[tuple[Path, xr.Dataset, Any]], file: Pat
         page, title = folder / PAGE, str(data.attrs.get("title", folder.name))
         link = quote(Path(os.path.relpath(page, file.parent)).as_posix()) if page.is_file() else ""
         entries.append({"name": name, "title": title, "about": folder.resolve().name, "link": link})
-    headlines = family.headlines if family else ()
     joined = together(results)
     same = HELIOSTAT not in joined.sizes or all(RESULT not in joined[side].dims for side in "xy" if side in joined)
-    declared = family.figures(compared[0][1]) if family else default_figures(joined)
+    headlines, declared = (), default_figures(joined)
+    if family:
+        headlines, declared = family.headlines, family.figures(compared[0][1])
     figures = list(draw(joined, _over_results(declared, same))) if joined.data_vars else []
     remarks = [] if joined.data_vars else ["The results have no common points. A table shows their ranges."]
     remarks += [] if same else ["The results have different heliostats, so there are no maps of differences."]
