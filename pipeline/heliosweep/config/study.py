@@ -10,7 +10,7 @@ import os
 import pathlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module
 from typing import Annotated, Any, ClassVar, Self, get_args
 
@@ -278,9 +278,8 @@ class Study(Block):
         relative_to : Path, optional
             Folder in which the text will be saved. File names are written relative to this folder (default: unchanged).
         """
-        if relative_to is None:
-            return yaml_text(self.resolved())
-        return yaml_text(self.resolved(lambda name: self.seen_from(pathlib.Path(relative_to), name)))
+        place_of = str if relative_to is None else partial(self.seen_from, pathlib.Path(relative_to))
+        return yaml_text(self.resolved(place_of))
 
     def seen_from(self, folder: pathlib.Path, name: str) -> str:
         """Return the name of a file of the study relative to a folder. Names of pvlib's files are not changed."""

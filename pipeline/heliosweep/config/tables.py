@@ -87,11 +87,6 @@ def variable_name(title: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", plain).strip("_")
 
 
-def plain_unit(text: str) -> str:
-    """Return a unit in the notation of study files: ``W/m^2``, ``W m-2`` and ``W/m²`` become ``W/m2``."""
-    return re.sub(r"[\s^*.]", "", text).replace("\u00b2", "2").replace("m-2", "/m2").replace("//", "/")
-
-
 def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
     """Convert the times of a column to ISO 8601. Other strings are not changed.
 
@@ -147,11 +142,9 @@ def _iso(text: str, cell: re.Match[str], order: str, offset: str) -> str:
 
 def hint(text: str) -> str:
     """Return the remedy for a date in ambiguous order, or an empty string for any other text."""
-    if not (found := _CELL.fullmatch(text.strip())) or len(found.group(1)) == 4:
-        return ""
-    if len(found.group(4)) != 4:
-        return "; give the year with four digits"
-    return "; give the order in the title of the column, such as time (DD/MM/YYYY hh:mm)"
+    found, year = _CELL.fullmatch(text.strip()), "; give the year with four digits"
+    order = "; give the order in the title of the column, such as time (DD/MM/YYYY hh:mm)"
+    return "" if not found or len(found[1]) == 4 else order if len(found[4]) == 4 else year
 
 
 #: Maximum number of listed problems of a table; further problems are only counted.
@@ -302,7 +295,9 @@ class Table:
                 continue
             stated = re.findall(r"\bin ([^\s,;]+)|\[([^\[\]]+)\]$", columns[key].meaning)
             wanted = next((unit for found in reversed(stated) for unit in found if unit in UNITS), "")
-            unit = plain_unit(said if wanted and whole not in named else "")
+            # W/m^2, W m-2 and W/m² are W/m2
+            unit = re.sub(r"[\s^*.]", "", said if wanted and whole not in named else "").replace("\u00b2", "2")
+            unit = unit.replace("m-2", "/m2").replace("//", "/")
             if unit in ("", wanted, *columns[key].units):
                 self.header[position], self.forms[key], self.units[key] = key, said, unit
             elif columns[key].required:

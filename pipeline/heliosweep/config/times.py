@@ -50,10 +50,8 @@ def zone_names() -> frozenset[str]:
 
 def parse_timezone(timezone: str) -> dt.tzinfo:
     """Return the time zone for an offset such as ``+08:00`` or a name such as ``Asia/Shanghai``."""
-    if match := OFFSET.fullmatch(timezone):
-        offset = dt.timedelta(hours=int(match[1]), minutes=int(match[2]))
-        return dt.timezone(-offset if timezone[0] == "-" else offset)
-    return zoneinfo.ZoneInfo(timezone)
+    fixed = dt.datetime.strptime(timezone, "%z").tzinfo if OFFSET.fullmatch(timezone) else None
+    return fixed or zoneinfo.ZoneInfo(timezone)
 
 
 def offset_text(hours: float) -> str:

@@ -100,7 +100,8 @@ class Sweep:
 
     def items(self) -> tuple[Any, ...]:
         """Return all values as a tuple of float or of str."""
-        return tuple(getattr(self.values(), "tolist", self.values)())
+        values = self.values()
+        return values if isinstance(values, tuple) else tuple(values.tolist())
 
     def ends(self) -> tuple[Any, ...]:
         """Return all values of a list, or both ends of a (monotonic) range."""
@@ -140,14 +141,6 @@ def midpoints(sweep: Sweep) -> Sweep:
     steps = len(sweep) - 1
     half = (_fraction(sweep[-1]) - _fraction(sweep[0])) / steps / 2
     return even_range(float(_fraction(sweep[0]) + half), float(_fraction(sweep[-1]) - half), steps)
-
-
-def geometric_range(start: float, stop: float, num: int) -> Sweep:
-    """Return `num` values from `start` to `stop`, including both, with a constant ratio of successive values."""
-    low, high = math.log10(abs(start)), math.log10(abs(stop))
-    values = math.copysign(1.0, start) * 10.0 ** (low + np.arange(num) * ((high - low) / max(num - 1, 1)))
-    values[-1], values[0] = stop, start
-    return Sweep(values, {"logspace": {"start": start, "stop": stop, "num": num}})
 
 
 def as_range(sweep: Sweep) -> Sweep:
@@ -207,7 +200,12 @@ def _read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
         require(start != stop, "must differ from start if there is more than one value", "stop")
         fine = abs(stop - start) / (num - 1) < math.ulp(max(abs(start), abs(stop)))
         require(not fine, "the steps are finer than the precision of numbers", *(counts.keys() & raw.keys()))
-    return geometric_range(start, stop, num) if geometric else even_range(start, stop, num, reaches=reaches)
+    if not geometric:
+        return even_range(start, stop, num, reaches=reaches)
+    low, high = math.log10(abs(start)), math.log10(abs(stop))
+    series = math.copysign(1.0, start) * 10.0 ** (low + np.arange(num) * ((high - low) / max(num - 1, 1)))
+    series[-1], series[0] = stop, start
+    return Sweep(series, {"logspace": {"start": start, "stop": stop, "num": num}})
 
 
 def read_mapping(
