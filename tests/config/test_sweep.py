@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heliosweep.config.faults import Invalid
-from heliosweep.config.values import read_sweep
+from heliosweep.config.values import Quantity
 
 
 def sweep(raw: Any) -> Any:
-    return read_sweep(raw, float)
+    return Quantity("", "1").read(raw)
 
 
 def test_ranges_have_clean_decimals() -> None:

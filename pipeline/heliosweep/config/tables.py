@@ -13,13 +13,14 @@ skipped. Ambiguous numbers and dates are rejected. Columns are declared as in th
 from __future__ import annotations
 
 import csv
+import math
 import re
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,14 +243,13 @@ class Table:
         self.forms: dict[str, str] = {}
         self.units: dict[str, str] = {}
         self._columns: Mapping[str, Column] = {}
-        if not self._numbers:
-            self.fail(f"is empty: it needs {needs}")
-        if most_rows is not None and len(self._numbers) - 1 > most_rows:
-            self.fail(f"has {len(self._numbers) - 1:,} rows, more than {most_rows:,} {rows}")
+        self.require(self._numbers, f"is empty: it needs {needs}")
+        count, most = len(self._numbers) - 1, math.inf if most_rows is None else most_rows
+        self.require(count <= most, f"has {count:,} rows, more than {most:,} {rows}")
         header, *given = self._split()
         self._rows, problem = with_points(given, self._separator)
-        if problem:
-            self.fail(problem[1], self._numbers[problem[0] + 1])
+        row, message = problem or (0, "")
+        self.require(not problem, message, self._numbers[row + 1 : row + 2])
         self.header = [cell.strip() for cell in header]
         width = max((at for at, title in enumerate(self.header, 1) if title), default=0)
         if not any(cell.strip() for row in self._rows for cell in row[width:]):  # empty cells at the ends of rows
@@ -388,16 +388,15 @@ class Table:
             message = f"is not CSV: {error}".replace("\t", "\\t")
         if len(rows) < len(self._texts) and (not message or reader.line_num >= len(self._texts)):
             # An unterminated quoted cell includes the following lines, so the problem is reported at its first line.
-            odd = (line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2)
-            for line in odd:
-                self.fail("contains a quoted text that does not end on this line", line)
-        if message:
-            self.fail(message, self._numbers[reader.line_num - 1])
+            odd = [line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2]
+            self.require(not odd, "contains a quoted text that does not end on this line", odd)
+        self.require(not message, message, self._numbers[reader.line_num - 1 :])
         return rows
 
-    def fail(self, message: str, line: int | None = None) -> NoReturn:
-        """Raise a StudyError immediately, because no further checks are possible."""
-        raise StudyError(Problem(message, file=self.name, line=line))
+    def require(self, holds: object, message: str, lines: Sequence[int] = ()) -> None:
+        """Raise a StudyError at the first line of `lines` unless a condition is true, without further checks."""
+        if not holds:
+            raise StudyError(Problem(message, file=self.name, line=next(iter(lines), None)))
 
 
 def read_table(

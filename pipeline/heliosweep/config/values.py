@@ -156,16 +156,6 @@ def _fraction(number: float) -> Fraction:
     return Fraction(repr(number))
 
 
-def read_sweep(raw: Sequence[Any] | Mapping[str, Any], number: ReadNumber, repeats: bool = False) -> Sweep:
-    """Read swept numbers in any form. `number` converts a single number. Raises Invalid with each fault at its key."""
-    if not isinstance(raw, Mapping):
-        return Sweep(read_items(raw, number, repeats))
-    if "logspace" not in raw:
-        return _read_range(raw, number)
-    geometric = {"logspace": partial(_read_range, number=number, geometric=True)}
-    return cast("Sweep", read_mapping(raw, geometric, ("logspace",), _FORMS)["logspace"])
-
-
 def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = False) -> tuple[Any, ...]:
     """Read the entries of a non-empty list. The entries must be different unless `repeats` is True. Raises Invalid."""
     require(raw, "the list is empty: give at least one value", show_value=False)
@@ -175,7 +165,11 @@ def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = F
     return values
 
 
-def _read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
+def read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
+    """Read a range. `number` converts a single number. Raises Invalid with each fault at its key."""
+    if "logspace" in raw and not geometric:
+        inner = {"logspace": partial(read_range, number=number, geometric=True)}
+        return cast("Sweep", read_mapping(raw, inner, ("logspace",), _FORMS)["logspace"])
     counts: dict[str, Callable[[Any], Any]] = {"step": number} if not geometric else {}
     counts["num"] = Quantity("", "1", ge=1, le=MAX_POINTS, integer=True, sweep=False).read
     readers = {"start": number, "stop": number, **counts}
@@ -742,7 +736,7 @@ class Quantity(Parameter):
     def _swept(self, raw: Any) -> Sweep:
         if not isinstance(raw, Mapping):
             return Sweep(read_items(raw, self._one, self.repeats))
-        sweep = read_sweep(raw, self._number)
+        sweep = read_range(raw, self._number)
         ends: dict[str, Any] = {
             "start": self._one,
             "stop": self._one,
@@ -797,6 +791,9 @@ class Quantity(Parameter):
         for kinds, holds, position, message in _CHECKS:
             # the parameters of a fixed distribution may be equal
             require(kind not in kinds or holds(values) or len({*values}) <= fixed, message, position)
+        largest = max(abs(bound) for bound in (self.ge, self.le, 0.0) if bound is not None)
+        wide = fixed and kind == NORMAL and 0 < largest < values[1]
+        require(not wide, f"the standard deviation must be at most {largest:g} {self.unit}", 1)
         return values
 
     def bounds(self) -> str:
@@ -989,14 +986,7 @@ class Uncertain(Quantity):
         return super()._number(raw)
 
     def _drawn(self, raw: Any) -> Any:
-        def shape(kind: str, entry: Any) -> tuple[float, ...]:
-            parts = self._shape(kind, entry, fixed=True)
-            largest = max(abs(bound) for bound in (self.ge, self.le, 0.0) if bound is not None)
-            wide = kind == NORMAL and 0 < largest < parts[1]
-            require(not wide, f"the standard deviation must be at most {largest:g} {self.unit}", 1)
-            return parts
-
-        readers: dict[str, Any] = {kind: partial(shape, kind) for kind in _SHAPES}
+        readers: dict[str, Any] = {kind: partial(self._shape, kind, fixed=True) for kind in _SHAPES}
         for key, least, most in (("samples", 1, MAX_SAMPLES), ("seed", 0, MAX_SEED)):
             readers[key] = Quantity("", "1", ge=least, le=most, integer=True, sweep=False).read
         form = "a distribution is {normal: [mean, standard deviation]} or {uniform: [minimum, maximum]}"

@@ -430,8 +430,8 @@ def read_weather(
     table.check_header(COLUMNS, others=True)
     if table.header[:1] == [""] and not {"time", "date", "hour"} & {*table.header}:
         table.header[0] = "time"  # the index of a pandas table
-    if sheet.kind == "PVGIS" and "dni" not in table.header:
-        table.fail("has no DNI: PVGIS gives it as Gb(n) in typical years, and as Gb(i) with components and two axes")
+    tracked = "has no DNI: PVGIS gives it as Gb(n) in typical years, and as Gb(i) with components and two axes"
+    table.require(sheet.kind != "PVGIS" or "dni" in table.header, tracked)
     table.check_rows()
     if {"time", "date"} & {*table.header}:
         (walls, offsets), mark = _read_times(table, sheet), sheet.mark
@@ -537,8 +537,11 @@ def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
 
 def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
     """Return times on the clock of the file from columns of year, month, day, hour and minute."""
-    if missing := [key for key in ("day", "hour") if key not in table.header and "time" not in table.header]:
-        table.fail(f"needs a column time, or date and time, or year, month, day and hour (there is no {missing[0]})")
+    missing = [key for key in ("day", "hour") if key not in table.header and "time" not in table.header]
+    wanted = (
+        f"needs a column time, or date and time, or year, month, day and hour (there is no {', '.join(missing[:1])})"
+    )
+    table.require(not missing, wanted)
     parts: dict[str, Any] = {
         key: table.column(key) for key in ("year", "month", "day", "hour", "minute") if key in table.header
     }
@@ -592,14 +595,12 @@ def _step(
 
     The rows are in chronological order, or form a typical year that combines months from different years.
     """
-    if walls.size < 2:
-        table.fail("needs at least two rows, to find the length of an interval")
+    table.require(walls.size > 1, "needs at least two rows, to find the length of an interval")
     real = np.diff(utc.astype(np.int64)) / 60
     step = float(np.median(real))
-    if step < 0:
-        table.fail("has its last row first: sort the rows by time")
-    if not 0 < step <= 60 or 1440 % step:
-        table.fail(f"has rows {step:g} minutes apart: give intervals of an hour, or of a fraction of an hour")
+    table.require(step >= 0, "has its last row first: sort the rows by time")
+    apart = f"has rows {step:g} minutes apart: give intervals of an hour, or of a fraction of an hour"
+    table.require(0 < step <= 60 and 1440 % step == 0, apart)
     # Use the midpoints of intervals on a clock without summer time, because 28 February ends at 0:00 of the next day.
     walls = utc + (walls[0] - utc[0]) + np.timedelta64(round(60 * step * _TO_MIDDLE.get(sheet.mark, 0)), "s")
     dates, months = walls.astype("datetime64[D]"), walls.astype("datetime64[M]")
