@@ -173,7 +173,7 @@ class SampleStatistics(Block):
     ] = Samples("", "1").read([5, 50, 95])  # fmt: skip
     every_draw: Annotated[
         bool,
-        Flag("Also store, for each draw, the results of each heliostat and other results with more than 100 numbers"),
+        Flag("Also store every draw of the results of each heliostat, and of other results with more than 100 numbers"),
     ] = False
 
 
@@ -193,8 +193,8 @@ class Sample(Block):
             "Sampling design of the draws",
             {
                 SOBOL: "eight independently scrambled Sobol sequences; the most accurate",
-                LATIN: "one draw in each stratum of each key, with one stratum per draw; a longer sample does not "
-                "begin with the draws of a shorter sample",
+                LATIN: "one draw in each stratum of each key, with as many strata as draws; a larger sample does not "
+                "begin with the draws of a smaller sample",
                 RANDOM: "independent draws",
             },
             sweep=False,

@@ -77,7 +77,7 @@ class Study(Block):
         Search | None, Field(description="Search for the best point instead of a sweep: objectives and searched keys")
     ] = None
     dataset: Annotated[Dataset | None, Field(description="Authors and licence of the data set")] = None
-    execution: Annotated[Execution, Field(description="Computing settings of the run")] = Execution()
+    execution: Annotated[Execution, Field(description="Scheduler, workers and memory of the run")] = Execution()
     output: Annotated[Output, Field(description="Stored results and their format")] = Output()
     report: Annotated[Report, Field(description="Contents of the report")] = Report()
 

@@ -60,7 +60,7 @@ class SunTime(WallTime):
 
 
 class DishWindow(Block):
-    """Evaluated part of each date: between two wall-clock times, or from sunrise to sunset.
+    """Daily time window: between two wall-clock times, or from sunrise to sunset.
 
     The word ``sunrise_to_sunset`` means ``{start: sunrise, stop: sunset, step: 10 min}``.
     """
@@ -103,7 +103,7 @@ class DishWindow(Block):
 class DishTime(CivilTime):
     """Dates and a daily window, with the option to omit instants with the sun below the horizon."""
 
-    window: Annotated[DishWindow, Field(description="Evaluated part of each date")]  # type: ignore[assignment]
+    window: Annotated[DishWindow, Field(description="Daily time window")]  # type: ignore[assignment]
     daylight_only: Annotated[bool, Flag("True to evaluate only instants with the sun above the horizon")] = False
 
     def rules(self) -> Iterator[Fault]:
@@ -222,7 +222,7 @@ class Ephemeris(Block):
         str,
         Choice(
             "Elevation of the sun that the mount tracks",
-            {"geometric": "without refraction", "apparent": "raised by refraction in the atmosphere"},
+            {"geometric": "without refraction", "apparent": "with atmospheric refraction"},
             sweep=False,
         ),
     ] = "geometric"
@@ -260,7 +260,7 @@ class DishTrackingStudy(Study):
     """Effective tracking factor of a dish with mount errors."""
 
     family: Literal["dish_tracking"]
-    site: Annotated[Site | None, Field(description="Site of the dish; or several 'sites'")] = None
+    site: Annotated[Site | None, Field(description="Site of the dish (for several sites, use 'sites')")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
     time: Annotated[DishTime, Field(description="Dates and daily window of the tracking factor")]
     mount: Annotated[DishMount, Field(description="Mount model")]
@@ -281,7 +281,8 @@ class DishTrackingStudy(Study):
         Concentrator | None, Field(description="Mirror and aperture, for the annual energy (default: none)")
     ] = None
     statistics: Annotated[
-        Statistics | None, Field(description=("Results of root finding, in addition to the grid"))
+        Statistics | None,
+        Field(description=("Results computed by root finding, in addition to the values on the grid")),
     ] = None
     ephemeris: Annotated[Ephemeris, Field(description="Solar position algorithm")] = Ephemeris()
 

@@ -67,13 +67,13 @@ class Economics(Block):
                              "land in addition to the heliostat field in m2")
     ] = 182_108.5  # fmt: skip
     tower_cost: Annotated[
-        float | Sweep, _cost("Fixed cost of the tower, to which the exponential growth with height applies")
+        float | Sweep, _cost("Cost of a tower of zero height; the cost grows exponentially with the height")
     ] = 3e6
     tower_scale: Annotated[
         float | Sweep,
         _cost("Exponential growth rate of the tower cost with height, in 1/m", "growth of tower cost in 1/m"),
     ] = 0.0113
-    receiver_cost: Annotated[float | Sweep, _cost("Cost of a receiver of the reference area")] = 103e6
+    receiver_cost: Annotated[float | Sweep, _cost("Cost of a receiver with the reference area")] = 103e6
     receiver_reference_area: Annotated[
         float | Sweep,
         Quantity("Reference area of the receiver, in m2", "1", gt=0, title="reference area of the receiver in m2"),

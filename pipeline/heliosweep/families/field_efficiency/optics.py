@@ -171,12 +171,12 @@ class SunShape(Block):
         Choice(
             "Sun shape",
             {
-                "pillbox": "a uniform disc of 4.65 mrad",
-                "gaussian": "a Gaussian of 2.73 mrad per axis",
-                "limb_darkened": "a disc of 4.65 mrad whose limb is darker than its centre by 56 %",
+                "pillbox": "a uniform disc with a radius of 4.65 mrad",
+                "gaussian": "a Gaussian with a standard deviation of 2.73 mrad per axis",
+                "limb_darkened": "a disc with a radius of 4.65 mrad, whose limb is 56 % darker than its centre",
                 "jose": "the disc of Jose (1957), as in backward gazing",
-                "buie": "disc and aureole of Buie et al. (2003), by circumsolar_ratio",
-                "table": "measured: a file with angles and brightnesses",
+                "buie": "disc and aureole of Buie et al. (2003), defined by circumsolar_ratio",
+                "table": "brightness as a function of the angle, read from a file",
             },
             dimension="sun_shape",
             title="sun shape",

@@ -198,7 +198,7 @@ class FieldEfficiencyStudy(Study):
     """Optical efficiency of a heliostat field over a period, with cosine, shading and blocking losses."""
 
     family: Literal["field_efficiency"]
-    site: Annotated[FieldSite | None, Field(description="Site of the plant; or several 'sites'")] = None
+    site: Annotated[FieldSite | None, Field(description="Site of the plant (for several sites, use 'sites')")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
     tracking: Annotated[str | Sweep, Choice("Tracking method of the mirrors", TRACKING, title="sun-tracking method")]
     time: Annotated[
@@ -216,7 +216,8 @@ class FieldEfficiencyStudy(Study):
         Aim | None, Field(description="Aim points of the heliostats (default: the centre of the receiver)")
     ] = None
     weather: Annotated[
-        Weather | None, Field(description="Weather with the direct normal irradiance that weights means over time")
+        Weather | None,
+        Field(description="Weather file or clear-sky model; its direct normal irradiance weights the means over time"),
     ] = None
     availability: Annotated[
         Availability | None, Field(description="Availability of the heliostats, with 'weather' (default: always)")
@@ -229,11 +230,7 @@ class FieldEfficiencyStudy(Study):
     ] = None
     keep: Annotated[
         Keep | None,
-        Field(
-            description=(
-                "Selection of the best heliostats; the field is then recomputed with only these (default: all)"
-            )
-        ),
+        Field(description=("Selection of the best heliostats, with which the field is recomputed (default: all)")),
     ] = None
     economics: Annotated[
         Economics | None, Field(description="Costs of field, tower and receiver, and of the heat (default: none)")

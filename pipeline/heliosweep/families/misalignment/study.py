@@ -142,7 +142,7 @@ class Heliostats(Block):
     positions: Annotated[
         tuple[Triple, ...] | None,
         ListOfNumbers(
-            "Pivots: east, north and up, relative to the tower's base; or use a 'layout'", "m", ("x", "y", "z")
+            "Pivots: east, north and up, relative to the tower's base; instead of a 'layout'", "m", ("x", "y", "z")
         ),
     ] = None
     pivot_height: Annotated[
@@ -516,9 +516,9 @@ class MisalignmentStudy(Study):
 
     family: Literal["misalignment"]
     mode: Annotated[str, Choice("Type of computation", MODES, sweep=False)] = "curves"
-    site: Annotated[Site | None, Field(description="Site of the plant; or several 'sites'")] = None
+    site: Annotated[Site | None, Field(description="Site of the plant (for several sites, use 'sites')")] = None
     sites: Annotated[Sites | None, Field(description="Several named sites: a list, or a CSV table")] = None
-    time: Annotated[Time | None, Field(description="Days and hours of the study; or use a 'sun'")] = None
+    time: Annotated[Time | None, Field(description="Days and hours of the study, instead of a fixed 'sun'")] = None
     sun: Annotated[Sun | None, Field(description="Fixed sun, instead of 'time'")] = None
     receiver: Annotated[
         Receiver, Field(description="The receiver: the aim point of all heliostats, and the aperture around it")
