@@ -18,7 +18,7 @@ import yaml
 
 from heliosweep import api
 from heliosweep.config.blocks import blocks_at
-from heliosweep.config.schema import keys_of
+from heliosweep.config.study import keys_of
 from heliosweep.config.values import Numbers, Quantity
 from heliosweep.families.family import families
 

@@ -13,8 +13,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from heliosweep.config.schema import Key, keys_of
-from heliosweep.config.study import Study
+from heliosweep.config.study import Key, Study, keys_of
 from heliosweep.families.family import families
 
 #: Pages that contain tables of keys.

@@ -17,7 +17,7 @@ import heliosweep
 from heliosweep import api
 from heliosweep.api import result_folder
 from heliosweep.config import OPTION, Study, execution_keys, settings
-from heliosweep.config.schema import json_schema
+from heliosweep.config.study import json_schema
 from heliosweep.errors import HeliosweepError, Problem, RunInterrupted, StudyError, log, printable
 from heliosweep.families.family import families
 from heliosweep.files import user_path, written_whole

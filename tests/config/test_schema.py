@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import yaml
 
-from heliosweep.config.schema import json_schema
+from heliosweep.config.study import json_schema
 from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
 from .conftest import LINES

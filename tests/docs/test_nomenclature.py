@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from heliosweep.config.schema import keys_of
+from heliosweep.config.study import keys_of
 from heliosweep.families.family import families
 from tests.conftest import ROOT
 

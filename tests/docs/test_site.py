@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from heliosweep.config.schema import json_schema
+from heliosweep.config.study import json_schema
 from heliosweep.families.family import families
 from tests.conftest import ROOT
 

@@ -19,7 +19,7 @@ import xarray as xr
 import yaml
 
 from heliosweep import api
-from heliosweep.config.schema import json_schema
+from heliosweep.config.study import json_schema
 from heliosweep.families import family as registry
 from heliosweep.families.family import families, study_classes
 from heliosweep.grid.plan import EMPTY_FILE, Limits, Work, make_plan

@@ -10,7 +10,7 @@ import yaml
 
 from heliosweep import api
 from heliosweep.cli import COMMANDS, main
-from heliosweep.config.schema import keys_of
+from heliosweep.config.study import keys_of
 from heliosweep.errors import StudyError
 from heliosweep.families.family import families
 from heliosweep.share.guide import explain

@@ -16,7 +16,7 @@ import yaml
 
 from heliosweep.config import SYNONYMS, Source, few_of, nearest, one_of, parse, read
 from heliosweep.config.load import load
-from heliosweep.config.schema import Key, keys_of
+from heliosweep.config.study import Key, keys_of
 from heliosweep.errors import HeliosweepError, Problem, StudyError
 from heliosweep.families.family import families, study_classes
 from heliosweep.files import user_path, write_whole
