@@ -111,7 +111,8 @@ def written_whole(path: Path) -> Iterator[Path]:
     try:
         with writing(path):
             yield temporary
-            sync(temporary)
+            with temporary.open("rb+") as file:
+                os.fsync(file.fileno())
             temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
@@ -192,26 +193,7 @@ def remove_leftovers(folder: Path) -> None:
     for path in folder.glob(f".*.{platform.node()}.*-*.part"):
         pid = path.name.split(".")[-2].partition("-")[0]
         if pid.isdecimal() and (int(pid) == os.getpid() or not psutil.pid_exists(int(pid))):
-            remove(path)
-
-
-def sync(path: Path) -> None:
-    """Flush a file or folder to disk."""
-    if os.name != "posix" and path.is_dir():
-        return
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def remove(path: Path) -> None:
-    """Remove a file, or a folder with its content, if it exists."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
+            path.unlink(missing_ok=True)
 
 
 class _LibraryLock:

@@ -21,7 +21,7 @@ import numpy as np
 from heliosweep import __version__
 from heliosweep.config import CivilTime, SolarTime, Study, WeatherTime, id_of
 from heliosweep.errors import HeliosweepError
-from heliosweep.files import LIBRARY_LOCK, remove, why_not_written, write_whole, written_whole
+from heliosweep.files import LIBRARY_LOCK, why_not_written, write_whole, written_whole
 from heliosweep.grid.parameters import Parameters
 from heliosweep.grid.regions import Cut, Piece, Variable, index_of
 from heliosweep.lazy import netCDF4, xr
@@ -286,7 +286,7 @@ def write_result(
                     file.close()  # closing the file writes data, and fails again if the disk is full
         # If a run is killed here, the folder has no manifest, and the next run starts again.
         for name in DESCRIPTIONS:
-            remove(folder / name)
+            (folder / name).unlink(missing_ok=True)
     return path
 
 
