@@ -177,8 +177,9 @@ def _labelled(vectors: NDArray[np.float64], labels: dict[str, Any]) -> xr.Datase
     return xr.Dataset(variables, labels)
 
 
-#: Number of nodes beyond each end of a year. The error at the end of a spline decreases by a factor of 0.27 per node.
-MARGIN = 20
+#: Number of daily nodes of a spline, and number of additional nodes at each end.
+#: The error at the end of a spline decreases by a factor of 0.27 per node.
+NODES, MARGIN = 365, 20
 
 
 def sun_vectors(
@@ -212,9 +213,10 @@ def sun_vectors(
         first, last = int(instants.min()), int(instants.max())
         late = _delta_t(first // DAY, last // DAY, delta_t)
         # A margin of 1 us allows for rounding of the days in terrestrial time.
-        years = range(_year_of(first + int(late.min() * 1e9) - 1000), _year_of(last + int(late.max() * 1e9) + 1000) + 1)
-        pieces = np.concatenate([_splines(year) for year in years])
-        sun_at_sites(instants, late, first // DAY, pieces, _new_year(years[0]), sites, sun)
+        ends = first + int(late.min() * 1e9) - 1000, last + int(late.max() * 1e9) + 1000
+        parts = range(ends[0] // DAY // NODES, ends[1] // DAY // NODES + 1)
+        pieces = np.concatenate([_splines(part) for part in parts])
+        sun_at_sites(instants, late, first // DAY, pieces, parts[0] * NODES, sites, sun)
     sun[:, ~known] = np.nan
     return sun.reshape(*places[0].shape, stamps.size, 3)
 
@@ -240,19 +242,11 @@ def _spa() -> Any:
     return module
 
 
-def _year_of(nanoseconds: int) -> int:
-    return 1970 + int(np.datetime64(nanoseconds // DAY, "D").astype("datetime64[Y]").astype(int))
-
-
-def _new_year(year: int) -> int:
-    return int(np.datetime64(f"{year:04}-01-01", "D").astype(int))
-
-
 @lru_cache(maxsize=256)
-def _splines(year: int) -> NDArray[np.float64]:
-    """Return splines of the sun's direction and parallax over the days of a year in terrestrial time."""
+def _splines(part: int) -> NDArray[np.float64]:
+    """Return splines of the sun's direction and parallax over `NODES` days in terrestrial time, counted from 1970."""
     position = _spa().solar_position
-    days = np.arange(_new_year(year) - MARGIN, _new_year(year + 1) + MARGIN + 1)
+    days = np.arange(part * NODES - MARGIN, (part + 1) * NODES + MARGIN + 1)
     unix = days * 86400.0
     apparent, ascension, declination = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, sst=True)[:3]
     (distance,) = position(unix, 0, 0, 0, 0, 0, 0.0, 0, 1, esd=True)[:1]
