@@ -65,15 +65,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
     doubtful = ("quality_rank",) if study.get("mode") == "measured" else ()
     yield Rasters("quality", "Most severe quality flag of the slope of each pixel", doubtful,
                   panels=(METHOD,), kinds=_RANKS, derive=_ranks, interactive=False)  # fmt: skip
-    yield from _errors(result, study.get("defects", {}).get("canting", {}))
-    error = ("slope_rms_x", "slope_rms_y", "canting_rms_x", "canting_rms_y", "cramer_rao_bound_x", "incidence")
-    yield Maps("accuracy_map", "Root mean square slope error of each heliostat", error, panels=(HOUR,),
-               lines=(METHOD,), at=_TYPICAL)  # fmt: skip
-    yield Maps("usable_map", "Fraction of the pixels of each heliostat that are lit in at least three cameras",
-               ("usable_fraction", "lit_cameras"), panels=(HOUR,), at=_TYPICAL, interactive=False)  # fmt: skip
-
-
-def _errors(result: xr.Dataset, canting: dict[str, Any]) -> Iterator[Figure]:
+    canting = study.get("defects", {}).get("canting", {})
     swept = [str(dim) for dim in result.sizes if dim not in _OWN and result.sizes[dim] > 1]
     numbers = [dim for dim in swept if is_ordered(result, dim)]
     seeds = dict.fromkeys(SEEDS, "rms")
@@ -105,6 +97,11 @@ def _errors(result: xr.Dataset, canting: dict[str, Any]) -> Iterator[Figure]:
     yield Curves("sun_profile", "Brightness of the sun over the distance from the disc centre, with Jose's "
                                 "fitted formula",
                  ("sun_brightness", "sun_formula"), over=("disc_fraction",), lines=(PROFILE,))  # fmt: skip
+    error = ("slope_rms_x", "slope_rms_y", "canting_rms_x", "canting_rms_y", "cramer_rao_bound_x", "incidence")
+    yield Maps("accuracy_map", "Root mean square slope error of each heliostat", error, panels=(HOUR,),
+               lines=(METHOD,), at=_TYPICAL)  # fmt: skip
+    yield Maps("usable_map", "Fraction of the pixels of each heliostat that are lit in at least three cameras",
+               ("usable_fraction", "lit_cameras"), panels=(HOUR,), at=_TYPICAL, interactive=False)  # fmt: skip
 
 
 def _slope_errors(result: xr.Dataset) -> xr.Dataset:

@@ -52,12 +52,15 @@ def _directed(study: DishTrackingStudy) -> bool:
     return any(set(dim.sweeps) == {"errors.axis_tilt_direction"} for dim in study.dimensions())
 
 
-def variables(study: DishTrackingStudy) -> dict[str, Variable]:
-    """Return the variables of a study, including statistics if the study has several directions or dates."""
+def computation(study: DishTrackingStudy) -> Computation:
+    """Return the variables of a study and the function that computes them.
+
+    The variables include statistics if the study has several directions or dates.
+    """
     parameters, day, month = Parameters(study), f"{_FACTOR.replace('_', ' ')} of a day", f"{_DATES}mean (within months)"
     of, monthly = _FACTOR.replace("_", " "), f"monthly mean of the {_FACTOR.replace('_', ' ')}"
     mount = tuple(dim for dim in parameters.sizes if dim not in parameters.site_dims)
-    direction, dates, directed = ("axis_tilt_direction",), len(study.time.date_list()) > 1, _directed(study)
+    direction, several, directed = ("axis_tilt_direction",), len(study.time.date_list()) > 1, _directed(study)
     series, deviation = study.output.time_series, "standard_deviation ({}, n - 1)"
     #: Columns: condition, dimension, data type, True for statistics, swept dimensions along which values do not vary,
     #: and attributes by variable name.
@@ -83,27 +86,27 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
             effective_tracking_factor_mean_over_directions=(_MEAN.format("directions", day), _DAILY),
             effective_tracking_factor_std_over_directions=(_STD.format("directions", day), _DAILY),
         )),
-        (dates, "", "float64", True, (), _factors(
+        (several, "", "float64", True, (), _factors(
             effective_tracking_factor_mean_over_dates=(_MEAN.format("dates", of), f"{_DATES}mean (over the dates)"),
             effective_tracking_factor_std_over_dates=(
                 _STD.format("dates", of), _DATES + deviation.format("over the dates")),
             effective_tracking_factor_min=(f"minimum {of} over all dates", f"{_DATES}minimum (over the dates)"),
             effective_tracking_factor_max=(f"maximum {of} over all dates", f"{_DATES}maximum (over the dates)"),
         )),
-        (dates, "", "datetime64[ns]", True, (), {
+        (several, "", "datetime64[ns]", True, (), {
             "date_of_min": {"long_name": f"date of the minimum {of}"},
             "date_of_max": {"long_name": f"date of the maximum {of}"},
         }),
-        (dates, "month", "float64", True, (), _factors(
+        (several, "month", "float64", True, (), _factors(
             monthly_effective_tracking_factor_mean=(_MEAN.format("dates of a month", of), month),
             monthly_effective_tracking_factor_std=(
                 _STD.format("dates of a month", of), _DATES + deviation.format("within months")),
         )),
-        (dates and directed, "month", "float64", True, direction, _factors(
+        (several and directed, "month", "float64", True, direction, _factors(
             monthly_effective_tracking_factor_mean_over_directions=(_MEAN.format("directions", monthly), month),
             monthly_effective_tracking_factor_std_over_directions=(_STD.format("directions", monthly), month),
         )),
-        (dates and directed, "", "float64", True, direction, {"worst_axis_tilt_direction": {
+        (several and directed, "", "float64", True, direction, {"worst_axis_tilt_direction": {
             "units": "degree",
             "long_name": f"direction of the tilt with the minimum mean {of} over the dates",
             "comment": "direction in which the foot of the azimuth axis leans (0 south, 90 west)",
@@ -142,19 +145,15 @@ def variables(study: DishTrackingStudy) -> dict[str, Variable]:
                               "long_name": "azimuth of the sun at each instant", "comment": "from north, clockwise"},
         }),
     ]  # fmt: skip
-    return {
+    variables = {
         name: Variable((dim,) if dim else (), attrs, np.dtype(dtype), finished, without=without)
         for wanted, dim, dtype, finished, without, named in table
         if wanted
         for name, attrs in named.items()
     }
-
-
-def computation(study: DishTrackingStudy) -> Computation:
-    """Return the variables of a study and the function that computes them."""
     dates, sun = np.array(study.time.date_list(), "datetime64[ns]"), study.ephemeris
     dims: dict[str, Any] = {"date": (dates, DATE)}
-    if dates.size > 1:
+    if several:
         dims["month"] = _months(study)[0], {"long_name": "month"}
     if study.statistics is not None:
         attrs = {"long_name": "required effective tracking factor", "units": "1"}
@@ -165,7 +164,7 @@ def computation(study: DishTrackingStudy) -> Computation:
     elevation = f"apparent, at {air}" if sun.elevation == "apparent" else f"geometric; {air} have no effect"
     return Computation(
         function=factors,
-        variables=variables(study),
+        variables=variables,
         labels=(*_SITE[:2], "mount.model", *_MOUNT, *_CONCENTRATOR),
         dims=dims,
         coordinates=partial(_timezones, study),
@@ -173,7 +172,7 @@ def computation(study: DishTrackingStudy) -> Computation:
         inputs=(lambda: read_weather(study.resolve(concentrator.weather))) if concentrator else None,
         finish=finish,
         arrays=("mount.model", *_CONCENTRATOR),
-        whole=(*["axis_tilt_direction"] * _directed(study), *["axis_tilt"] * (solved and "axis_tilt" in swept)),
+        whole=(*["axis_tilt_direction"] * directed, *["axis_tilt"] * (solved and "axis_tilt" in swept)),
         unit="tracker-instants",
         memory=8 * 8 * dates.size * (1 + len(SCAN) * solved) + 9000 * 8 * 6 * (concentrator is not None),
     )

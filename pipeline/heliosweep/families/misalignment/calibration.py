@@ -460,36 +460,28 @@ def _measured(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Valu
         single[name] = 1e3 * rms(squares, found.counted)
         single[name.replace("beam", "held_out")] = 1e3 * rms(squares, held & np.isfinite(squares))
     if block.window is not None:
-        single |= _windows(mounts, observed, utc, periods(point.study, point.inputs), block.window, options)
+        length, windows = np.timedelta64(round(block.window * 86400e9), "ns"), []
+        for begin in periods(point.study, point.inputs):
+            inside = (utc >= begin) & (utc < begin + length)
+            made = fit(mounts, observed._replace(weight=np.where(inside, observed.weight, 0.0)), **options)
+            usable = np.isin(made.status, KNOWN)[:, np.newaxis]
+            both = made.estimate, np.sqrt(np.diagonal(made.covariance, axis1=1, axis2=2))
+            windows.append((*(np.where(usable, 1e3 * each, np.nan) for each in both), made.used))
+        error, spread, used = (np.stack(each) for each in zip(*windows, strict=True))
+        changes = error_changes(error, spread, 2 * used - options["parameters"])
+        of_period = {
+            "period_error": error,
+            "period_standard_error": spread,
+            "period_spots": used,
+            "period_change": changes["change"],
+            "period_change_error": changes["change_error"],
+            "drift": changes["changed"],
+        }
+        single |= {name: np.swapaxes(np.asarray(each), 0, 1) for name, each in of_period.items()}
     single |= by_axis("residual_%", found.residual, -1, "yz") | by_axis("spot_%_before", before, -1, "yz")
     single |= by_axis("spot_%_after", found.left_out, -1, "yz")
     values, known = estimates(found._replace(status=status), 1, "spot")
     return values | {name: array[:, None] for name, array in single.items()}, known
-
-
-def _windows(
-    mounts: Mounts, observed: Observed, utc: NDArray[np.datetime64], begins: NDArray[np.datetime64], days: float,
-    options: dict[str, Any],
-) -> Values:  # fmt: skip
-    """Estimate the mount errors from the spots in each time window, and their changes since the first estimate."""
-    length, found = np.timedelta64(round(days * 86400e9), "ns"), []
-    for begin in begins:
-        inside = (utc >= begin) & (utc < begin + length)
-        made = fit(mounts, observed._replace(weight=np.where(inside, observed.weight, 0.0)), **options)
-        known = np.isin(made.status, KNOWN)[:, np.newaxis]
-        errors = np.sqrt(np.diagonal(made.covariance, axis1=1, axis2=2))
-        found.append((np.where(known, 1e3 * made.estimate, np.nan), np.where(known, 1e3 * errors, np.nan), made.used))
-    error, spread, used = (np.stack(each) for each in zip(*found, strict=True))
-    changes = error_changes(error, spread, 2 * used - options["parameters"])
-    values = {
-        "period_error": error,
-        "period_standard_error": spread,
-        "period_spots": used,
-        "period_change": changes["change"],
-        "period_change_error": changes["change_error"],
-        "drift": changes["changed"],
-    }
-    return {name: np.swapaxes(np.asarray(each), 0, 1) for name, each in values.items()}
 
 
 def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:
@@ -669,8 +661,21 @@ def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> 
         float(np.hypot(settings["noise"], settings["pitch"] / np.sqrt(12.0))),
         {"parameters": int(settings["parameters"]), "condition_limit": study.detectors.condition_limit},
     )
-    for measured in point.inputs.values():
-        return arranged(study, variables, field.from_table(scene.numbers, measured))
+    if point.inputs:  # estimates from measured crossings, and the crossings of mounts without errors
+        (measured,) = point.inputs.values()
+        none = np.zeros((len(scene.numbers), 1, 1, len(ERRORS)))
+        values = field.sights(field.mounts.stand(field.mounts.aim(field.sun, none), none))
+        _, which = field.segments.nearest(measured.position)
+        observed = observed_of(measured, field.mounts, scene.numbers)._replace(
+            position=measured.lists(scene.numbers, field.mounts.on_face(measured.position)),
+            trace=measured.lists(scene.numbers, np.asarray(measured.trace), 0),
+            along=measured.lists(scene.numbers, field.mounts.on_face(field.segments.along[which])),
+        )
+        fitted = fit(field.mounts, observed, spread=field.spread, **field.options)
+        found, known = estimates(fitted, 1, "crossing")
+        residual = np.where(fitted.counted, fitted.residual[..., 0], np.nan)[:, np.newaxis]
+        commanded = command_values(field.mounts, field.sun, field.mounts.aim(field.sun, known[:, :, np.newaxis]))
+        return arranged(study, variables, values | found | commanded | {"crossing_residual": residual})
     (drawn,) = drawn_errors(point, scene.numbers)
     seeds = (study.mount_errors.seed or 0), tuple(scene.numbers.tolist())
     values = field.run_loop(1e-3 * drawn, settings, study.detectors.rounds or 1, seeds)
@@ -807,19 +812,3 @@ class _Field(NamedTuple):
             for name, array in (("error", found.estimate), ("standard_error", spread))
             for column, axis in enumerate(MOUNT_AXES)
         }
-
-    def from_table(self, numbers: NDArray[np.int64], measured: MeasuredSpots) -> Values:
-        """Return estimates from measured crossings, and the crossings of mounts without errors, shape (H, 1, ...)."""
-        none = np.zeros((len(numbers), 1, 1, len(ERRORS)))
-        values = self.sights(self.mounts.stand(self.mounts.aim(self.sun, none), none))
-        _, which = self.segments.nearest(measured.position)
-        observed = observed_of(measured, self.mounts, numbers)._replace(
-            position=measured.lists(numbers, self.mounts.on_face(measured.position)),
-            trace=measured.lists(numbers, np.asarray(measured.trace), 0),
-            along=measured.lists(numbers, self.mounts.on_face(self.segments.along[which])),
-        )
-        fitted = fit(self.mounts, observed, spread=self.spread, **self.options)
-        found, known = estimates(fitted, 1, "crossing")
-        residual = np.where(fitted.counted, fitted.residual[..., 0], np.nan)[:, np.newaxis]
-        commanded = command_values(self.mounts, self.sun, self.mounts.aim(self.sun, known[:, :, np.newaxis]))
-        return values | found | commanded | {"crossing_residual": residual}

@@ -462,15 +462,12 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
         spots, field = ", ".join(measured.targets), ", ".join(map(str, aimed))
         message = f"are on the target {spots}, but {layout.name} is measured from the target {field}"
         yield study.problem(key, f"{message}: convert both with one --aim")
-    elif key != "measured":
-        yield from _far_rows(study, measured)
-        yield from _few_rows(study, measured, key, what)
-
-
-def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem]:
+        return
+    if key == "measured":
+        return
     if measured.trace is None:
         pivots = np.array(study.heliostats.positions or (), float).reshape(-1, 3).T
-        x, y = pivots[:2] if study.layout is None else ((layout := Layouts(study)[()]).x, layout.y)
+        x, y = pivots[:2] if layout is None else (layout.x, layout.y)
         away = np.hypot(np.hypot(x, y), max(ends(study.receiver.height)))[measured.heliostat]
         distance = np.hypot(*measured.position.T)
         # With commanded angles, the mount may have aimed at another point.
@@ -485,7 +482,8 @@ def _far_rows(study: MisalignmentStudy, measured: MeasuredSpots) -> list[Problem
         Problem(words.format(distance[row], away[row]), "", measured.name, int(measured.lines[row]))
         for row in rows[:MAX_LISTED]
     )
-    return listed(found, MAX_LISTED, rows.size) if rows.size else []
+    yield from listed(found, MAX_LISTED, rows.size) if rows.size else ()
+    yield from _few_rows(study, measured, key, what)
 
 
 def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
