@@ -56,8 +56,6 @@ NO_HELIOSTAT = -1
 SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
 #: Random streams for the noise of synthetic spots along y and z. Mount error i of `ERRORS` uses stream i.
 NOISE_STREAMS = (100, 101)
-#: Maximum number of noise values in one draw, limited by the counter of the random number generator.
-MOST_NUMBERS = 2**24
 #: Keys with a single value in each group of points computed in one call.
 APART = ("sun.azimuth", "sun.elevation", "heliostats.pivot_height")
 #: Keys that label a result even if they are not swept.
@@ -274,7 +272,8 @@ _deviates = lru_cache(maxsize=2)(standard_deviates)
 @lru_cache(maxsize=4)
 def noise_of_draws(seed: int, stream: int, heliostats: tuple[int, ...], samples: int, count: int) -> Floats:
     """Return `count` standard normal numbers for each heliostat and draw, shape (H, samples, count)."""
-    each = (standard_normals(seed, stream, heliostats, count, sample * MOST_NUMBERS) for sample in range(samples))
+    # The counter of the random number generator limits the noise of one draw to 2^24 numbers.
+    each = (standard_normals(seed, stream, heliostats, count, sample * 2**24) for sample in range(samples))
     return np.stack([*each], axis=1)
 
 
