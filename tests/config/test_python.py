@@ -13,6 +13,7 @@ import xarray as xr
 import yaml
 
 from heliosweep.config.load import load_mapping
+from heliosweep.config.values import even_range
 
 from .conftest import LINES, REGISTRY
 
@@ -39,7 +40,7 @@ FOUR = {"start": np.int64(0), "stop": np.float64(9), "num": np.int64(4)}
         ("site.latitude", [0, 15, 30], [range(0, 31, 15), np.array([0, 15, 30]), pd.Series([0, 15, 30])]),
         ("site.latitude", [0, 15], [pd.Index([0, 15]), xr.DataArray([0, 15]), (0, 15), [np.float32(0), np.int64(15)]]),
         ("site.latitude", [3], [range(3, 4)]),
-        ("site.latitude", {"start": 0, "stop": 9, "num": 4}, [FOUR]),
+        ("site.latitude", {"start": 0, "stop": 9, "num": 4}, [FOUR, even_range(0.0, 9.0, 4)]),
         ("tracking", ["spinning_elevation"], [np.array(["spinning_elevation"]), pd.Series(["spinning_elevation"])]),
         ("tracking", "spinning_elevation", [np.str_("spinning_elevation")]),
         ("output", {"time_series": True}, [{"time_series": np.True_}]),

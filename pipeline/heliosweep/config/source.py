@@ -174,8 +174,6 @@ def from_python(value: Any) -> Any:
         return [from_python(entry) for entry in value]
     if isinstance(value, range):  # not expanded, because a range may be long
         return {"start": value[0], "stop": value[-1], "num": len(value)} if value else []
-    if hasattr(value, "spec"):  # a sweep, a distribution or dates of another study
-        return value.spec()
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if hasattr(value, "columns") and hasattr(value, "iloc"):  # a pandas table
@@ -184,7 +182,8 @@ def from_python(value: Any) -> Any:
         array = np.asarray(value)
         # Nanoseconds would become integers.
         return (array.astype("datetime64[us]") if array.dtype.kind == "M" else array).tolist()
-    return value
+    # a sweep, a distribution or dates of another study
+    return value.spec() if hasattr(value, "spec") else value
 
 
 def parse(text: str, path: pathlib.Path) -> Source:
