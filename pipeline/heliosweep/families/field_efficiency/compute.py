@@ -62,7 +62,7 @@ from heliosweep.files import processors
 from heliosweep.grid import LIMITS, MAX_INSTANTS, PLACE, Parameters, Suns, Weathers, instant_count, instants_of
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.field import efficiency, packets
-from heliosweep.kernels.rays import warm_rays
+from heliosweep.kernels.rays import RECEIVED, warm_rays
 from heliosweep.layouts.resolve import Layouts, longest
 from heliosweep.lazy import scipy, xr
 from heliosweep.light import TRACKING, mirror_area
@@ -137,19 +137,19 @@ def _prepare(study: FieldEfficiencyStudy) -> None:
 
 
 def _energy_labels(study: FieldEfficiencyStudy) -> dict[str, tuple[np.ndarray, dict[str, str]]]:
-    found: dict[str, tuple[np.ndarray, dict[str, str]]] = {}
-    if study.weather is not None:
-        all_stages = np.array((*stages(study), *(HEAT_STAGES if has_heat(study) else ())), object)
-        words = {"long_name": "stage of the optical path at which energy is lost, in order along the light path"}
-        found["month"] = np.arange(1, MONTHS + 1), {"long_name": "month of the year", "units": "1"}
-        found["stage"] = all_stages, words
-        found["cause"] = (
-            np.array(causes(study), object),
-            {"long_name": "limit outside which the field does not operate"},
-        )
-    if study.economics is not None:
-        found["item"] = np.array(ITEMS, object), {"long_name": "item of the capital cost"}
-    return found
+    if study.weather is None:
+        return {}
+    words = "stage of the optical path at which energy is lost, in order along the light path"
+    all_stages = (*stages(study), *(HEAT_STAGES if has_heat(study) else ()))
+    items = {"item": (np.array(ITEMS, object), {"long_name": "item of the capital cost"})}
+    return {
+        "month": (np.arange(1, MONTHS + 1), {"long_name": "month of the year", "units": "1"}),
+        "stage": (np.array(all_stages, object), {"long_name": words}),
+        "cause": (
+            np.array(causes(study), object), {"long_name": "limit outside which the field does not operate"},
+        ),
+        **(items if study.economics is not None else {}),
+    }  # fmt: skip
 
 
 def _instants(study: FieldEfficiencyStudy) -> int:
@@ -178,7 +178,6 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
 
 
 def _series(study: FieldEfficiencyStudy) -> bool:
-    """Return True if the result has values at each instant."""
     return study.output.time_series or study.output.field_series
 
 
@@ -255,7 +254,8 @@ def _sums_of(
     if isinstance(field, TracedField):
         of_field |= field.maps()
         if heat and hours is not None:
-            of_field |= heat_of_year(field.received(hours), field.way.values, point.inputs.losses, hours, found)
+            light = of_field["sums"][..., RECEIVED].mean(axis=0) * field.way.reflected(hours.month, len(sun))
+            of_field |= heat_of_year(light, field.way.values, point.inputs.losses, hours, found)
     if study.output.outlines:
         shapes = efficiency.mirror_outlines(*field.mirrors, sun[0], first, stop, study.output.outlines)
         of_field |= zip(OUTLINES, (*np.moveaxis(shapes.corners, -1, 0), *shapes[1:]), strict=True)
@@ -320,7 +320,6 @@ def blocks_of(
 
 
 def _design(field: Field | TracedField, start: int, end: int) -> dict[str, np.ndarray]:
-    """Return values at the design point. [1]"""
     point = field.study.design_point
     values = field.means(point.sun(field.place[0]), start, end, point)
     return {f"design_point_{name}": each for name, each in values.items()}

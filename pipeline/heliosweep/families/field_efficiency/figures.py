@@ -33,9 +33,7 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
     energy = "field_receiver_energy" in result
     if columns:
         yield numbers(result, dims, columns, "Energy, power and size", [_sums(result)] if energy else [], digits=4)
-    losses = (("budget_loss", "budget_part", "{}"), ("budget_gain", "budget_cause", "gain without {}"))
-    if parts := [result[name].sel({dim: label}, drop=True).rename(words.format(label))
-                 for name, dim, words in losses if name in result for label in result[dim].to_numpy()]:  # fmt: skip
+    if parts := budget_columns(result):
         note = (
             "Loss due to each cause alone, and interaction: the loss due to all causes minus the sum of these losses."
         )
@@ -64,6 +62,13 @@ def first_headlines(result: xr.Dataset) -> tuple[str, ...]:
 def figures_of_draws(result: xr.Dataset) -> list[Figure]:
     """Return the budget figure, which is drawn if the result has an error budget."""
     return [budget_figure(result)]
+
+
+def budget_columns(result: xr.Dataset) -> list[xr.DataArray]:
+    """Return the columns of the budget table: the loss of each part, and the gain from removing each cause."""
+    named = (("budget_loss", "budget_part", "{}"), ("budget_gain", "budget_cause", "gain without {}"))
+    return [result[name].sel({dim: label}, drop=True).rename(words.format(label))
+            for name, dim, words in named if name in result for label in result[dim].to_numpy()]  # fmt: skip
 
 
 def budget_figure(result: xr.Dataset) -> Figure:

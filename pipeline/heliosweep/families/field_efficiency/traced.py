@@ -297,7 +297,7 @@ def usual_rays(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> f
     lit = LIT if isinstance(study.time, WeatherTime) else 1.0
     if optics.rays is not None:
         return lit * optics.rays
-    if study.sample is not None and not flux_cells(study) and (step := drawn_step(optics, heliostats * instants)) > 1:
+    if (step := drawn_step(study, heliostats * instants)) > 1:
         return lit * DRAWN_RAYS / step
     finer = (PRECISION / (optics.precision or PRECISION)) ** (1.0 / 0.7)
     # A year usually needs 64 rays. Fewer than 2440 instants need more rays, and a flux map needs twice as many.
@@ -311,12 +311,13 @@ def is_series_traced(study: FieldEfficiencyStudy) -> bool:
     return few and study.optics is not None and output.field_series and not output.time_series
 
 
-def drawn_step(optics: Any, pairs: int) -> int:
-    """Return the step between the traced instants of a heliostat in a draw.
+def drawn_step(study: FieldEfficiencyStudy, pairs: int) -> int:
+    """Return the step between the traced instants of a heliostat; 1 except in draws without a flux map.
 
     With each possible step, all hours of the day are sampled.
     """
-    if optics.rays is not None:
+    optics: Any = study.optics
+    if study.sample is None or flux_cells(study) or optics.rays is not None:
         return 1
     wanted = pairs * LIT * ((optics.precision or DRAWN_PRECISION) / SCATTER) ** 2
     return max(step for step in (1, 5, 7, 11, 23, 47, 71) if step <= max(1.0, wanted))
@@ -366,7 +367,7 @@ class TracedField(NamedTuple):
         scale = 1e-3 * (IRRADIANCE if point is None else point.dni) if up[0] else np.nan
         name = "flux_map" if point is not None or self._is_mapped(len(sun)) else ""
         made = self._trace(sun, up, up * reflected, start, stop, name, scale, summed=point is None)
-        part = _quantities(made)[:, 0] / (up.sum() or np.nan)
+        part = made.sums.transpose(3, 2, 0, 1)[:, 0] / (up.sum() or np.nan)
         return _efficiencies(part, self.transmitted[start:stop], self.reflection[start:stop], _mean(reflected, up))
 
     def energies(self, hours: Hours, start: int, stop: int) -> Values:
@@ -374,7 +375,11 @@ class TracedField(NamedTuple):
         clean, reflected = self._reflected(hours)
         weight, name = hours.weight, "energy_flux_map"
         made = self._trace(hours.sun, weight, weight * reflected, start, stop, name, clean, hours.month, MONTHS)
-        months, passed, mirror = _quantities(made), self.transmitted[start:stop], clean * self.reflection[start:stop]
+        months, passed, mirror = (
+            made.sums.transpose(3, 2, 0, 1),
+            self.transmitted[start:stop],
+            clean * self.reflection[start:stop],
+        )
         sums, received = months.sum(axis=1), passed * mirror * months[rays.RECEIVED]
         sent = mirror * sums[rays.REFLECTED]
         tower = [rays.COSINE_PAST_TOWER] if self.scene.tower else []
@@ -409,7 +414,7 @@ class TracedField(NamedTuple):
                     rays=number, share=self.share, area=self.area,
                 )  # fmt: skip
                 fields.append(made.field)
-                lit = _quantities(made) * up[begin:end, np.newaxis, np.newaxis]
+                lit = made.sums.transpose(3, 2, 0, 1) * up[begin:end, np.newaxis, np.newaxis]
                 blocks.append(_efficiencies(lit, self.transmitted[start:stop], self.reflection[start:stop]))
         found = {f"instantaneous_{name}": np.concatenate([block[name] for block in blocks])
                  for name, one in (blocks[0].items() if blocks else ()) if one.ndim > 1}  # fmt: skip
@@ -442,11 +447,6 @@ class TracedField(NamedTuple):
             cells = found["flux_map"]
             found["power_above_limit"] = cells[cells > wanted.limit].sum() / (cells.sum() or np.nan)
         return found
-
-    def received(self, hours: Hours) -> Floats:
-        """Return the field's power on the receiver divided by the irradiance at each instant, shape (T,). [m2]"""
-        light: Floats = np.mean((self.light or {})["sums"][..., rays.RECEIVED], axis=0)
-        return light * self.way.reflected(hours.month, len(hours.sun))
 
     def limited(self, point: Point, sun: Floats, hours: Hours | None) -> TracedField:
         """Return the field with the aim points that a flux limit requires.
@@ -501,7 +501,7 @@ class TracedField(NamedTuple):
     def number_of_rays(self, hours: Hours) -> int:
         """Return the number of rays per heliostat and instant for energies; 0 for draws with a fixed number of rays."""
         weight, cells = hours.weight, flux_cells(self.study)
-        if self._stride(len(hours.sun)) > 1:
+        if drawn_step(self.study, len(self.area) * len(hours.sun)) > 1:
             return 0
         return self._rays(hours.sun, weight, weight * self._reflected(hours)[1], cells)
 
@@ -520,11 +520,6 @@ class TracedField(NamedTuple):
         """Weight of each heliostat in the flux map: area times transmittance times reflectivity. [m2]"""
         return self.area * self.transmitted * self.reflection
 
-    def _stride(self, instants: int) -> int:
-        """Return the step between traced instants; 1 except in draws without a flux map."""
-        drawn = self.study.sample is not None and not flux_cells(self.study)
-        return drawn_step(self.study.optics, len(self.area) * instants) if drawn else 1
-
     def _is_mapped(self, instants: int) -> bool:
         """Return True if the result contains a flux map for a period with this number of instants."""
         return self.study.weather is not None or (instants == 1 and self.study.design_point is None)
@@ -537,7 +532,7 @@ class TracedField(NamedTuple):
 
         The flux map `name` is multiplied by `scale`. If `summed` is False, sums at each instant are omitted.
         """
-        light, stride = self.light, self._stride(len(sun))
+        light, stride = self.light, drawn_step(self.study, len(self.area) * len(sun))
         cells = flux_cells(self.study) if light is not None and name else None
         summed = summed and "sums" in (light or {})
         share, area = self.share if cells or summed else None, self.area if summed else None
@@ -642,11 +637,6 @@ def _efficiencies(
     for name in [name for name, each in found.items() if np.ndim(each) > 1]:
         found[name], found[f"{name}_error"] = rays.mean_error(np.moveaxis(found[name], -2, 0))
     return found
-
-
-def _quantities(made: rays.Traced) -> Floats:
-    """Return the ray sums, shape (quantities, groups, replicates, heliostats)."""
-    return made.sums.transpose(3, 2, 0, 1)
 
 
 def _mean(values: Floats, weights: Floats) -> float:
