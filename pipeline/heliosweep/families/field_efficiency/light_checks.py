@@ -86,6 +86,12 @@ def _receiver(study: Any, layout: Layout, values: Mapping[str, Any]) -> Iterator
             f"{_heliostats(beyond)} farther than {FARTHEST / 1000:g} km from the receiver, beyond the range of "
             f"optics.attenuation"
         )
+    yield from _face(study, layout, values, down)
+
+
+def _face(study: Any, layout: Layout, values: Mapping[str, Any], down: Any) -> Iterator[Problem | str]:
+    """Check that no mirrors are in the face of a flat receiver, and warn about mirrors behind it."""
+    receiver = study.receiver
     face = {key: values.get(f"receiver.{key}", getattr(receiver, key)) for key in ("azimuth", "tilt", "width")}
     if face["width"] is None or any(isinstance(value, Sweep) for value in face.values()):
         return
