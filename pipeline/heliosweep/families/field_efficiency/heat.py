@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from heliosweep.config import Block, Column, Fault, FileName, Quantity, Sweep, Text, ends, read_table
+from heliosweep.config import Block, Column, Fault, FileName, Quantity, Sweep, Text, ends, read_table, when
 from heliosweep.economics import ITEMS, capital_cost, levelized_cost
 from heliosweep.energy import MEGA, monthly_sums, receiver_heat
 from heliosweep.errors import Problem
@@ -90,15 +90,17 @@ class Economics(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check that changed costs have a currency, and that a currency other than USD has no default costs."""
-        costs = [key for key in type(self).model_fields if key.endswith("_cost")]
-        own = [key for key in costs if getattr(self, key) != type(self).model_fields[key].default]
-        if own and self.currency is None:
-            yield Fault(f"'currency' is missing: '{own[0]}' needs it, such as USD", show_value=False)
-        elif self.currency not in (None, "USD"):
-            for key in costs:
-                if key not in self.model_fields_set and key not in ("other_cost", "operation_cost"):
-                    yield Fault(f"'{key}' is missing: its default is in USD; give it in {self.currency}",
-                                show_value=False)  # fmt: skip
+        fields, known = type(self).model_fields, self.currency in (None, "USD")
+        costs = [key for key in fields if key.endswith("_cost")]
+        own = [key for key in costs if getattr(self, key) != fields[key].default]
+        needed = set(costs) - self.model_fields_set - {"other_cost", "operation_cost"}
+        return when(
+            (self.currency is None and own,
+             Fault(f"'currency' is missing: '{[*own, ''][0]}' needs it, such as USD", show_value=False)),
+            *((not known and key in needed,
+               Fault(f"'{key}' is missing: its default is in USD; give it in {self.currency}", show_value=False))
+              for key in costs),
+        )  # fmt: skip
 
 
 def has_heat(study: FieldEfficiencyStudy) -> bool:

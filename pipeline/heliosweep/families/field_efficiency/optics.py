@@ -27,6 +27,7 @@ from heliosweep.config import (
     list_schema,
     one_of,
     read_items,
+    when,
 )
 from heliosweep.config import Heliostat as HeliostatBlock
 from heliosweep.config import Receiver as ReceiverPoint
@@ -154,13 +155,13 @@ class Receiver(ReceiverPoint):
         """Check that each key applies to this kind of receiver."""
         wanted = {None: (), "cylinder": ("radius", "height_extent")}.get(self.kind, ("width", "height_extent"))
         known = wanted if self.kind in (None, "cylinder") else (*wanted, "azimuth", "tilt")
-        for key in ("azimuth", "tilt", "width", "radius", "height_extent"):
-            given = getattr(self, key) is not None
-            if given and key not in known:
-                of = f"is not used for a receiver of kind {self.kind}" if self.kind else "needs 'kind' of the receiver"
-                yield Fault(f"{of}; remove it", (key,))
-            elif not given and key in wanted:
-                yield Fault(f"'{key}' is missing: a receiver of kind {self.kind} needs it, in m", show_value=False)
+        of = f"is not used for a receiver of kind {self.kind}" if self.kind else "needs 'kind' of the receiver"
+        missing = f"is missing: a receiver of kind {self.kind} needs it, in m"
+        return when(
+            *((key not in known and getattr(self, key) is not None, Fault(f"{of}; remove it", (key,)))
+              for key in ("azimuth", "tilt", "width", "radius", "height_extent")),
+            *((getattr(self, key) is None, Fault(f"'{key}' {missing}", show_value=False)) for key in wanted),
+        )  # fmt: skip
 
 
 class SunShape(Block):
@@ -198,13 +199,13 @@ class SunShape(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check the keys that apply to only one sun shape."""
-        kinds = ends(self.kind)
-        for kind, key, what in (("buie", "circumsolar_ratio", ", from 0.001 to 0.8"), ("table", "file", "")):
-            given = getattr(self, key) is not None
-            if kind in kinds and not given:
-                yield Fault(f"'{key}' is missing: {kind} needs it{what}", show_value=False)
-            if kind not in kinds and given:
-                yield Fault(f"is only for the sun shape {kind}; remove it", (key,))
+        of_kinds = (("buie", "circumsolar_ratio", ", from 0.001 to 0.8"), ("table", "file", ""))
+        return when(
+            *((kind in ends(self.kind) and getattr(self, key) is None,
+               Fault(f"'{key}' is missing: {kind} needs it{what}", show_value=False)) for kind, key, what in of_kinds),
+            *((kind not in ends(self.kind) and getattr(self, key) is not None,
+               Fault(f"is only for the sun shape {kind}; remove it", (key,))) for kind, key, _ in of_kinds),
+        )  # fmt: skip
 
 
 class PointingErrors(MountAngles):
@@ -223,20 +224,18 @@ class PointingErrors(MountAngles):
 
     def rules(self) -> Iterator[Fault]:
         """Check that errors are given only once, and that keys for draws are used only with drawn errors."""
-        if self.calibration is not None:
-            for key in (key for key in ERRORS if getattr(self, key) != 0.0):
-                yield Fault("is also given by 'calibration': remove one of them", (key,), show_value=False)
-        elif not self.model_fields_set & set(ERRORS):
-            yield Fault(f"contains no error: give {', '.join(ERRORS)} in mrad, or 'calibration'", show_value=False)
-        if not self.drawn():
-            if self.seed is not None:
-                yield Fault(NOT_DRAWN, ("seed",), show_value=False)
-            if self.scale != 1.0 and self.calibration is None:
-                yield Fault(NOT_DRAWN, ("scale",), show_value=False)
-        for key, error in self.drawn().items():
-            if error.samples is not None:
-                message = "does not apply to a field, because each heliostat has one draw: remove it, or sweep 'seed'"
-                yield Fault(message, (key, "samples"))
+        fixed, calibrated, drawn = not self.drawn(), self.calibration is not None, self.drawn().items()
+        none = f"contains no error: give {', '.join(ERRORS)} in mrad, or 'calibration'"
+        several = "does not apply to a field, because each heliostat has one draw: remove it, or sweep 'seed'"
+        return when(
+            *((calibrated and getattr(self, key) != 0.0,
+               Fault("is also given by 'calibration': remove one of them", (key,), show_value=False))
+              for key in ERRORS),
+            (not calibrated and not self.model_fields_set & set(ERRORS), Fault(none, show_value=False)),
+            (fixed and self.seed is not None, Fault(NOT_DRAWN, ("seed",), show_value=False)),
+            (fixed and self.scale != 1.0 and not calibrated, Fault(NOT_DRAWN, ("scale",), show_value=False)),
+            *((error.samples is not None, Fault(several, (key, "samples"))) for key, error in drawn),
+        )  # fmt: skip
 
 
 class Soiling(Block):
@@ -255,9 +254,14 @@ class Soiling(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check that the cleanliness does not fall below zero before a washing."""
-        if max(ends(self.rate)) * max(ends(self.washing_interval)) > 1:
-            yield Fault("leaves no light before a washing: rate times washing_interval must be at most 1",
-                        show_value=False)  # fmt: skip
+        return when(
+            (
+                max(ends(self.rate)) * max(ends(self.washing_interval)) > 1,
+                Fault(
+                    "leaves no light before a washing: rate times washing_interval must be at most 1", show_value=False
+                ),
+            )
+        )
 
 
 MONTHS = ("January", "February", "March", "April", "May", "June", "July", "August", "September", "October",
@@ -387,21 +391,22 @@ class Optics(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check that slopes, cleanliness and rays are specified once, and that only vant_hull has air properties."""
-        ways = ("slope_error", "slope_error_horizontal", "slope_error_vertical")
-        given = [key for key in ways if getattr(self, key) is not None]
-        if given and given[0] == ways[0]:
-            for key in given[1:]:
-                yield Fault(f"is also given by '{given[0]}': remove one of them", (key,))
-        elif len(given) == 1:
-            yield Fault("give 'slope_error', or both 'slope_error_horizontal' and 'slope_error_vertical', in mrad, or "
-                        "'slope_map'", show_value=False)  # fmt: skip
-        if self.cleanliness_by_month is not None and self.cleanliness not in (None, 1.0):
-            yield Fault("is also given by 'cleanliness_by_month': remove one of them", ("cleanliness",))
-        for key in ("visibility", "water_vapour", "altitude"):
-            if getattr(self, key) is not None and "vant_hull" not in ends(self.attenuation):
-                yield Fault("is only for the attenuation vant_hull; remove it", (key,))
-        if self.rays is not None and self.precision is not None:
-            yield Fault("is also given by 'rays': remove one of them", ("precision",))
+        axes = ("slope_error_horizontal", "slope_error_vertical")
+        given, air = [getattr(self, key) is not None for key in axes], "vant_hull" in ends(self.attenuation)
+        twice = "is also given by '{}': remove one of them"
+        return when(
+            *((self.slope_error is not None and there, Fault(twice.format("slope_error"), (key,)))
+              for key, there in zip(axes, given, strict=True)),
+            (self.slope_error is None and given[0] != given[1],
+             Fault("give 'slope_error', or both 'slope_error_horizontal' and 'slope_error_vertical', in mrad, or "
+                   "'slope_map'", show_value=False)),
+            (self.cleanliness_by_month is not None and self.cleanliness not in (None, 1.0),
+             Fault(twice.format("cleanliness_by_month"), ("cleanliness",))),
+            *((not air and getattr(self, key) is not None,
+               Fault("is only for the attenuation vant_hull; remove it", (key,)))
+              for key in ("visibility", "water_vapour", "altitude")),
+            (self.rays is not None and self.precision is not None, Fault(twice.format("rays"), ("precision",))),
+        )  # fmt: skip
 
 
 #: Keys that affect the light or heat of the receiver, excluding mirror positions, mirror sizes and sun directions.
@@ -591,18 +596,21 @@ class Aim(Block):
 
     def rules(self) -> Iterator[Fault]:
         """Check that each key belongs to the strategy, and that the limits refer to existing rows of receiver cells."""
-        for key in self.model_fields_set - {"strategy"}:
-            strategy = "spread" if key == "levels" else "flux_limit"
-            default = type(self).model_fields[key].default  # resolved studies contain default values
-            if self.strategy != strategy and getattr(self, key) != default:
-                yield Fault(f"is only for the strategy {strategy}; remove it", (key,))
-        if self.strategy == "flux_limit" and self.limit is None:
-            yield Fault("'limit' is missing: the strategy flux_limit requires it, in kW/m2", show_value=False)
-        for k, (row, limit) in enumerate(self.limits or ()):
-            if row % 1 or row >= self.flux_rows or limit <= 0.0:
-                yield Fault(f"must be a row from 0 to {self.flux_rows - 1}, and a limit above 0", ("limits", k))
-            elif row in [other for other, _ in (self.limits or ())[:k]]:
-                yield Fault(f"has a second limit for row {row:g}; remove one", ("limits", k))
+        limited, limits = self.strategy == "flux_limit", self.limits or ()
+        others = {key: "spread" if key == "levels" else "flux_limit" for key in self.model_fields_set - {"strategy"}}
+        # Resolved studies contain the default values of all keys.
+        fields, rows = type(self).model_fields, [row for row, _ in limits]
+        return when(
+            *((strategy != self.strategy and getattr(self, key) != fields[key].default,
+               Fault(f"is only for the strategy {strategy}; remove it", (key,))) for key, strategy in others.items()),
+            (limited and self.limit is None,
+             Fault("'limit' is missing: the strategy flux_limit requires it, in kW/m2", show_value=False)),
+            *((row % 1 or row >= self.flux_rows or limit <= 0.0,
+               Fault(f"must be a row from 0 to {self.flux_rows - 1}, and a limit above 0", ("limits", k)))
+              for k, (row, limit) in enumerate(limits)),
+            *((row in rows[:k], Fault(f"has a second limit for row {row:g}; remove one", ("limits", k)))
+              for k, row in enumerate(rows)),
+        )  # fmt: skip
 
 
 #: Maximum number of instants for which aim points can be chosen separately.

@@ -33,6 +33,7 @@ from heliosweep.config import (
     ends,
     places_of,
     site_notes,
+    when,
 )
 from heliosweep.config import Layout as LayoutBlock
 from heliosweep.errors import Problem
@@ -127,26 +128,26 @@ class Keep(Block):
 
 def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
     """Yield faults in a study with `keep`: missing keys, and keys that cannot be combined with `keep`."""
-    keep = study.keep
+    keep, point = study.keep, study.design_point
     if keep is None:
-        return
+        return iter(())
+    message = (
+        "ranks heliostats over a period at a site: run such a study first; 'heliosweep table DIR' then "
+        "uses the kept heliostats"
+    )
     if isinstance(study.time, SunDirections):
-        message = (
-            "ranks heliostats over a period at a site: run such a study first; 'heliosweep table DIR' then "
-            "uses the kept heliostats"
-        )
-        yield Fault(message, ("keep",), show_value=False)
-        return
-    for name in ends(keep.by):
-        for key in (key for key in _NEEDS.get(name, ()) if getattr(study, key) is None):
-            yield Fault(f"needs '{key}' for {name}: add it, or rank by another result", ("keep", "by"))
-    for key in ("field_power", "heat_power"):
-        if getattr(keep, key) is not None and study.design_point is None:
-            yield Fault("needs a design point: add 'design_point'", ("keep", key))
-    if keep.heat_power is not None and not has_heat(study):
-        yield Fault("needs 'receiver.absorptance' or 'receiver.thermal_losses': add one", ("keep", "heat_power"))
-    if study.output.outlines:
-        yield Fault("cannot be used with 'keep': remove one of them", ("output", "outlines"))
+        return iter((Fault(message, ("keep",), show_value=False),))
+    heat, outlines = keep.heat_power is not None and not has_heat(study), study.output.outlines
+    return when(
+        *((getattr(study, key) is None, Fault(f"needs '{key}' for {name}: add it, or rank by another result",
+                                              ("keep", "by")))
+          for name in ends(keep.by) for key in _NEEDS.get(name, ())),
+        *((getattr(keep, key) is not None and point is None, Fault("needs a design point: add 'design_point'",
+                                                                   ("keep", key)))
+          for key in ("field_power", "heat_power")),
+        (heat, Fault("needs 'receiver.absorptance' or 'receiver.thermal_losses': add one", ("keep", "heat_power"))),
+        (outlines, Fault("cannot be used with 'keep': remove one of them", ("output", "outlines"))),
+    )  # fmt: skip
 
 
 class FieldOutput(Output):
