@@ -138,9 +138,12 @@ def test_outages_take_the_energy_of_their_hours(year, tmp_path, blocks):
         "heliostat,from,to\nA1,2023-03-05T10:15,2023-03-05T13:00\nA1,2023-12-20,2024-01-03\n2,2023-03-01,2023-04-01\n"
         "A2,2023-03-09T15:00+00:00,2023-03-12T16:00Z\n"
     )
-    base = {**blocks, "layout": layout(tmp_path), "output": {"time_series": True}}
+    flux = {"flux_map": {"columns": 4, "rows": 3}} if blocks.get("optics") else {}
+    base = {**blocks, "layout": layout(tmp_path), "output": {"time_series": True, **flux}}
     out = {"availability": {"outages": str(tmp_path / "out.csv")}}
     free, found = (computed(year(**base, **more)) for more in ({}, out))
+    if flux:  # a map shows all heliostats
+        np.testing.assert_array_equal(found["energy_flux_map"], free["energy_flux_map"])
     power = free["instantaneous_power"].to_numpy()
     local = (free["utc" if "utc" in free.coords else "time"].to_pandas() - pd.Timedelta("5h")).to_numpy()
     local = pd.DatetimeIndex(local)  # middles of hours on the clock of the file, of several years

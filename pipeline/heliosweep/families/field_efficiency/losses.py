@@ -299,23 +299,21 @@ class Available(NamedTuple):
         """Return the availability of a layout's heliostats at a point of the result; None without `availability`."""
         if point.study.availability is None:
             return None
-        fraction, utc = (
-            layout.values("availability", point["availability.fraction"], 1.0),
-            point.all_instants.labels["utc"],
-        )
-        outages, rows = outages_of(point.study), layout.matches([*outages_of(point.study)])
-        of_rows = {row: [*outages.values()][rows[row]] for row in np.flatnonzero(rows >= 0).tolist()}
-        return cls(fraction, of_rows, utc.values)
+        outages = outages_of(point.study)
+        times, matches = [*outages.values()], layout.matches([*outages]).tolist()
+        of_rows = {row: times[at] for row, at in enumerate(matches) if at >= 0}
+        fraction = layout.values("availability", point["availability.fraction"], 1.0)
+        return cls(fraction, of_rows, point.all_instants.labels["utc"].values)
 
     def apply(self, field: Any, hours: Hours, values: Values, start: int, stop: int) -> Values:
-        """Apply the availability to the energies of the heliostats from `start` to `stop` - 1."""
+        """Apply the availability to the energies of heliostats `start` to `stop` - 1. `field` has no outages."""
         months, length = values["heliostat_monthly_receiver_energy"], hours.length
         part = np.broadcast_to(self.fraction[start:stop], months.shape).copy()
         begin = self.utc - (1.8e12 * length).astype("timedelta64[ns]")
         for row in self.outages.keys() & range(start, stop):
             out = hours.weight * (1.0 - availability(begin, length, *self.outages[row], yearly=True))
             dark = np.where((out > 0.0)[:, np.newaxis], hours.sun, (0.0, 0.0, -1.0))
-            alone = field._replace(available=None).energies(hours._replace(sun=dark, weight=out), row, row + 1)
+            alone = field.energies(hours._replace(sun=dark, weight=out), row, row + 1)
             lost = alone["heliostat_monthly_receiver_energy"][:, 0]
             part[:, row - start] *= 1.0 - lost / np.where(lost > 0.0, months[:, row - start], 1.0)
         year = months.sum(axis=0)

@@ -388,7 +388,9 @@ class TracedField(NamedTuple):
         energies = chain_of_energies(hours, self.area[start:stop], left, received)
         part = sums / (weight.sum() or np.nan)
         found = _efficiencies(part, passed, mirror, _mean(reflected, weight), energies)
-        return found if self.available is None else self.available.apply(self, hours, found, start, stop)
+        if self.available is None:
+            return found
+        return self.available.apply(self._replace(available=None, light=None), hours, found, start, stop)
 
     def series(
         self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int, sums: Floats | None

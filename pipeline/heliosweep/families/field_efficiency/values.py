@@ -139,7 +139,9 @@ class Field(NamedTuple):
         left = (cosine, *tower, unshaded, optical, optical, optical, optical)
         means = dict(zip(EFFICIENCIES, year[:4] / divisor, strict=True)) | {PRODUCT: product / divisor}
         found = means | chain_of_energies(hours, self.area[start:stop], left, months[:, :, 3].T)
-        return found if self.available is None else self.available.apply(self, hours, found, start, stop)
+        if self.available is None:
+            return found
+        return self.available.apply(self._replace(available=None), hours, found, start, stop)
 
     def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
         """Return the values at the instants of `part`, including power if `hours` is given. [1, kW]"""
