@@ -598,7 +598,7 @@ def module_estimates(
     # The ratio of the block variance to the variance expected for independent pixels is 1 unless it is significant.
     # A fitted plane reduces the degrees of freedom of the blocks by three.
     ratio = np.mean(shared[:, seen], axis=1) if seen.any() else np.ones(2)
-    chance = math.sqrt(2.0 / (max(np.count_nonzero(seen), 1) * (_BLOCKS * _BLOCKS - 3.0)))
+    chance = math.sqrt(2.0 / (max(int(np.count_nonzero(seen)), 1) * (_BLOCKS * _BLOCKS - 3.0)))
     inflation = np.where(ratio > 1.0 + 2.0 * chance, ratio, 1.0)[:, np.newaxis]
     level_variance, variance, covariance, across_variance = (
         inflation * each for each in (level_variance, variance, covariance, across_variance)
