@@ -1,7 +1,7 @@
-"""Capital cost and levelized cost of heat of a tower plant, computed without a study file.
+"""Capital cost of a solar tower plant and levelized cost of its heat, computed without a study file.
 
-The defaults are taken from the molten-salt tower of the System Advisor Model (SAM). Results are in the currency of the
-input costs; the default costs are in US dollars.
+Default values are taken from the molten-salt power tower in the System Advisor Model (SAM). Results are in the currency
+of the input costs; the default costs are in US dollars.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ def capital_cost(
     receiver_exponent: ArrayLike = 0.7, other_cost: ArrayLike = 0.0, contingency: ArrayLike = 0.07,
     land_cost: ArrayLike = 2.47105, indirect: ArrayLike = 0.13, sales_tax: ArrayLike = 0.04,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the capital cost of field, tower and receiver by item.
+    """Compute the itemized capital cost of a heliostat field, tower and receiver.
 
-    The costs of the tower and of the receiver are
+    The tower and receiver costs are
 
         tower = tower_cost * exp(tower_scale * (tower_height - receiver_height / 2 + heliostat_height / 2)),
         receiver = receiver_cost * (receiver_area / receiver_reference_area) ** receiver_exponent.
 
-    Contingency is proportional to the direct costs. Indirect costs and the sales tax are proportional to the direct
-    costs with contingency.
+    Contingency is proportional to the direct costs. Indirect costs and sales tax are proportional to the direct costs
+    including contingency.
 
     Parameters
     ----------
@@ -45,21 +45,20 @@ def capital_cost(
     receiver_area : float, array or DataArray
         Area of the absorbing surface. [m2]
     receiver_height, heliostat_height : float, array or DataArray
-        Height of the receiver from lower to upper edge, and height of a mirror. [m]
+        Height of the receiver from its lower to its upper edge, and height of a mirror. [m]
     land_area : float, array or DataArray
-        Area of the land to buy. [m2]
+        Land area to purchase. [m2]
     site_cost, heliostat_cost, land_cost : float, array or DataArray
-        Costs of the site and of the heliostats per mirror area, and cost of the land per land area. [m-2]
+        Site cost and heliostat cost per unit mirror area, and land cost per unit land area. [m-2]
     tower_cost, tower_scale : float, array or DataArray
-        Cost of a tower of zero height [1], and rate at which the cost grows exponentially with height [m-1].
+        Cost of a tower of zero height [1], and exponential growth rate of the cost with height [m-1].
     receiver_cost, receiver_reference_area, receiver_exponent : float, array or DataArray
-        Cost of a receiver with the reference area, the reference area itself [m2], and the exponent of the area ratio
-        [1].
+        Cost of a receiver with the reference area [1], the reference area [m2], and the exponent of the area ratio [1].
     other_cost : float, array or DataArray
-        Other direct costs, such as the costs of storage and power block.
+        Other direct costs, for example for storage and the power block.
     contingency, indirect, sales_tax : float, array or DataArray
         Contingency as a fraction of the direct costs. Indirect costs and sales tax as fractions of the direct costs
-        with contingency. [1]
+        including contingency. [1]
 
     Returns
     -------
@@ -105,7 +104,7 @@ def capital_cost(
 def levelized_cost(
     capital: ArrayLike, energy: ArrayLike, *, fixed_charge_rate: ArrayLike = 0.07, operation: ArrayLike = 0.0
 ) -> Any:
-    """Compute the levelized cost of heat or of another form of energy.
+    """Compute the levelized cost of heat or another form of energy.
 
         cost = (fixed_charge_rate * capital + operation) / energy
 
@@ -118,7 +117,7 @@ def levelized_cost(
     fixed_charge_rate : float, array or DataArray
         Fraction of the capital cost that is paid each year. [1]
     operation : float, array or DataArray
-        Annual cost of operation and maintenance, in the currency of the capital cost.
+        Annual operation and maintenance cost, in the currency of the capital cost.
 
     Returns
     -------
@@ -153,7 +152,7 @@ def _plain(value: Any) -> Any:
 
 
 def _labelled(name: str, value: Any) -> xr.DataArray:
-    """Return a value as a DataArray; a NumPy array gets the dimension ``design``."""
+    """Return a value as a DataArray; an array without labels gets the dimension ``design``."""
     if not isinstance(value, xr.DataArray):
         value = xr.DataArray(np.asarray(value, np.float64), dims=("design",)[: np.ndim(value)])
     if not (np.isfinite(value) & (value >= 0.0)).all():

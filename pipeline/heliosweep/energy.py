@@ -1,7 +1,7 @@
-"""Energy of a heliostat field, losses between the sun and the receiver, sums over periods, and attenuation by air.
+"""Energy from a heliostat field, losses at each stage, sums over periods, and atmospheric attenuation.
 
 All functions accept arrays and require no study. Energies are in MWh, and irradiation is in MWh m-2. The efficiency of
-a stage is the fraction of the light that remains after the stage.
+a stage is the fraction of the incoming light that remains after the stage.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from heliosweep.lazy import xr
 MEGA = 1e-6
 #: Last part of an error budget: the loss due to all causes minus the sum of the losses due to each cause alone.
 INTERACTION = "interaction"
-#: Formula of each attenuation model for the transmittance as a function of the slant range r [km].
+#: Transmittance as a function of the slant range r [km], for each attenuation model.
 _FORMULAS: dict[str, Callable[[Floats], Floats]] = {
     "none": np.ones_like,
     "delsol_clear": lambda r: 1 - (0.006789 + 0.1046 * r - 0.017 * r**2 + 0.002845 * r**3),
@@ -35,21 +35,20 @@ def transmittance(
     slant_range: ArrayLike, model: str = "delsol_clear", *, visibility: float = 23e3, water_vapour: float = 5.9,
     altitude: float = 0.0, receiver_height: float = 100.0,
 ) -> Any:  # fmt: skip
-    """Return the transmittance of the air between mirrors and receiver.
+    """Compute the transmittance of the air between a mirror and the receiver.
 
     Parameters
     ----------
     slant_range : float, array or DataArray
         Distance from the mirror to the receiver. [m]
     model : str
-        Model of the attenuation: 'none'; the polynomials 'delsol_clear' and 'delsol_hazy' (Kistler 1986),
-        'leary_hankins' (Leary and Hankins 1979), 'ballestrin_clear' and 'ballestrin_hazy' (Ballestrin and Marzo 2012);
-        or 'vant_hull', Vant-Hull's model as implemented in open-source ray tracers. Only 'vant_hull' uses the
-        parameters below.
+        Attenuation model: 'none', 'delsol_clear' or 'delsol_hazy' (Kistler 1986), 'leary_hankins' (Leary and Hankins
+        1979), 'ballestrin_clear' or 'ballestrin_hazy' (Ballestrin and Marzo 2012), or 'vant_hull' (Vant-Hull's model
+        as implemented in open-source ray tracers). Only 'vant_hull' uses the parameters below.
     visibility : float
-        Visibility. [m]
+        Meteorological visibility. [m]
     water_vapour : float
-        Density of water vapour. [g m-3]
+        Density of water vapour in the air. [g m-3]
     altitude : float
         Altitude of the site. [m]
     receiver_height : float
@@ -97,7 +96,7 @@ def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
     Parameters
     ----------
     incident : float or array
-        Energy before the first stage, for example per mirror area.
+        Energy before the first stage, in any unit.
     left : sequence of float or array
         Energy that remains after each stage, in the order in which light passes through the stages.
 
@@ -121,7 +120,7 @@ def error_budget(
     undisturbed: ArrayLike, actual: ArrayLike, alone: Mapping[str, ArrayLike],
     without: Mapping[str, ArrayLike] | None = None,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the energy lost due to each cause, and due to the interaction of the causes.
+    """Split an energy loss into the contributions of each cause and of their interaction.
 
     Parameters
     ----------
@@ -135,9 +134,10 @@ def error_budget(
     Returns
     -------
     xarray.Dataset
-        The variable `loss` over ``part`` contains the loss due to each cause alone. The last part, 'interaction', is
-        the remaining loss. The sum of all parts is the undisturbed energy minus the actual energy. If `without` is
-        given, `gain` over ``cause`` is the energy gained by the removal of each cause. [MWh]
+        The variable `loss`, with the dimension ``part``, contains the loss due to each cause alone. The last part,
+        'interaction', is the remaining loss. The sum of all parts is the undisturbed energy minus the actual energy. If
+        `without` is given, the variable `gain`, with the dimension ``cause``, contains the energy gained by removing
+        each cause. [MWh]
 
     Raises
     ------
@@ -173,7 +173,7 @@ def error_budget(
 
 
 def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:
-    """Return the sums of values over the instants of each month.
+    """Sum values over the instants in each month.
 
     Parameters
     ----------
@@ -204,24 +204,24 @@ def monthly_sums(values: Floats, month: Integers, months: int = 12) -> Floats:
 def availability(
     start: ArrayLike, hours: ArrayLike, begin: ArrayLike, end: ArrayLike, *, yearly: bool = False
 ) -> Floats:  # fmt: skip
-    """Compute the fraction of each time interval that is outside all outages.
+    """Compute the fraction of each time interval without an outage.
 
     Parameters
     ----------
     start : array of datetime64, shape (T,)
         Start of each time interval.
     hours : float or array, shape (T,)
-        Length of each interval, below 1 day. [h]
+        Length of each interval, less than one day. [h]
     begin, end : array of datetime64, shape (n,)
         Start and end of each outage.
     yearly : bool
-        If True, outages recur each year, and the years of all dates are ignored, as for a typical year. If the end of
-        an outage then has an earlier date than its start, the outage includes 1 January.
+        If True, outages recur every year, and the year of each date is ignored, for use with a typical year. An outage
+        whose end has an earlier calendar date than its start then extends into the next year.
 
     Returns
     -------
     ndarray, shape (T,)
-        Fraction of each interval without an outage, which can be a stage in `annual_energy`. [1]
+        Available fraction of each interval, for use as the efficiency of a stage in `annual_energy`. [1]
 
     Raises
     ------
@@ -259,9 +259,9 @@ def availability(
 
 
 def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "weather") -> Any:
-    """Compute the values that annual results exceed with given probabilities, such as P50 and P90.
+    """Compute exceedance values of annual results, such as P50 and P90.
 
-    The values are linearly interpolated quantiles of the given years; no distribution is fitted.
+    The values are linearly interpolated quantiles of the annual results; no distribution is fitted.
 
     Parameters
     ----------
@@ -270,13 +270,13 @@ def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "wea
     probability : float or array, shape (n,)
         Exceedance probabilities, between 0 and 1. [1]
     dim : str
-        Dimension of the years, if `values` is a DataArray.
+        Name of the year dimension if `values` is a DataArray.
 
     Returns
     -------
     ndarray, shape (..., n), or DataArray
-        Values that the annual results exceed. In a DataArray, the dimension ``exceedance`` replaces the dimension of
-        the years.
+        Values that the annual results exceed with each probability. In a DataArray, the dimension ``exceedance``
+        replaces the year dimension.
 
     Raises
     ------
@@ -306,7 +306,7 @@ def annual_energy(
     dni: ArrayLike, hours: ArrayLike, efficiencies: Mapping[str, ArrayLike], area: ArrayLike = 1.0, *,
     month: ArrayLike | None = None, works: ArrayLike = True,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the energy on the receiver over a period, and the losses before the receiver.
+    """Compute the energy on the receiver over a period, and the losses at each stage.
 
     The energy that a heliostat delivers to the receiver is
 
@@ -321,20 +321,20 @@ def annual_energy(
     hours : float or array, shape (T,)
         Length of the time interval that each instant represents. [h]
     efficiencies : mapping of str to float or array, shape (), (T,), (1, N) or (T, N)
-        Fraction of the light that remains after each stage, in the order in which light passes through the stages.
-        Typical stages are cosine, shading and blocking, reflection, attenuation and intercept. NaN is treated as 0. [1]
+        Efficiency of each stage, in the order in which light passes through the stages. Typical stages are cosine,
+        shading and blocking, reflection, attenuation and intercept. NaN is treated as 0. [1]
     area : float or array, shape (N,)
         Mirror area of each heliostat. [m2]
     month : array of int, shape (T,), optional
         Month of each instant, from 1 to 12, for monthly sums.
     works : bool or array, shape (T,)
-        False at instants at which the field does not operate, for example in strong wind.
+        False when the field does not operate, for example in strong wind.
 
     Returns
     -------
     xarray.Dataset
-        Variables `incident_energy` and `receiver_energy` of each heliostat; `loss` over ``stage``, with the first
-        stage 'stow'; `field_energy`; and `monthly_receiver_energy` if `month` is given. [MWh]
+        Variables `incident_energy` and `receiver_energy` for each heliostat, `loss` for each stage (beginning with
+        'stow') and heliostat, `field_energy`, and, if `month` is given, `monthly_receiver_energy`. [MWh]
 
     Raises
     ------
@@ -381,23 +381,23 @@ def annual_energy(
 def receiver_heat(
     power: ArrayLike, absorptance: ArrayLike = 1.0, losses: ArrayLike = 0.0, *, table: ArrayLike | None = None
 ) -> Any:
-    """Compute the heat that a receiver transfers to its fluid from the power of the light on the receiver.
+    """Compute the heat that a receiver transfers to its fluid.
 
         heat = max(absorptance * power - losses, 0)
 
-    A receiver that would lose more than it absorbs does not operate.
+    The receiver does not operate if its losses exceed the absorbed power.
 
     Parameters
     ----------
     power : float, array or DataArray
-        Power of the light on the receiver. [MW, or another unit]
+        Power of the light on the receiver, in MW or any other unit.
     absorptance : float, array or DataArray
-        Fraction of the light that the receiver absorbs, 0 to 1. [1]
+        Fraction of the light that the receiver absorbs, from 0 to 1. [1]
     losses : float, array or DataArray
-        Thermal losses of the receiver in operation, in the unit of the power. Multiply losses per area by the area.
+        Thermal losses of the operating receiver, in the unit of the power. Multiply losses per unit area by the area.
     table : array, shape (2, n), optional
-        Powers in ascending order, and additional losses at these powers. The losses are interpolated linearly between
-        the powers, and are constant beyond the ends of the table.
+        Powers in ascending order, and additional losses at these powers. The losses are interpolated linearly, and are
+        constant beyond the ends of the table.
 
     Returns
     -------
@@ -407,13 +407,13 @@ def receiver_heat(
     Raises
     ------
     ValueError
-        If a value is negative, an absorptance is above 1, or the powers of the table are not ascending.
+        If a value is negative, an absorptance is above 1, or the powers in the table are not in ascending order.
 
     References
     ----------
-    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 4: radiative and convective heat
-    losses of an external receiver, which depend on the tube temperatures. The parameter `losses` is the sum of both
-    losses.
+    SAM technical manual for molten-salt power towers, NREL/TP-5500-57625 (2013), Sect. 4. The manual computes the
+    radiative and convective losses of an external receiver from the tube temperatures. The parameter `losses` is the
+    sum of these losses.
 
     Examples
     --------
@@ -437,7 +437,7 @@ def receiver_heat(
 
 
 def _like(given: Any, values: Floats) -> Any:
-    """Return values with the type of an argument: float, array or DataArray."""
+    """Return values as a float, an array or a DataArray, according to the type of `given`."""
     if hasattr(given, "coords"):
         return given.copy(data=values)
     return values if isinstance(given, np.ndarray | list | tuple) else float(values)

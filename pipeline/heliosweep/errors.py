@@ -1,4 +1,4 @@
-"""Exceptions that are shown to users, with a common base class and an exit code for each kind of error.
+"""Exceptions raised by heliosweep, with a common base class and an exit code for each kind of error.
 
 Every message states the position of the problem (file, line, column, key) and the remedy.
 """
@@ -12,14 +12,14 @@ from importlib import import_module
 from itertools import islice
 from typing import Any
 
-#: Option that replaces or recomputes results, as named in messages.
+#: Name of the option that replaces or recomputes results, for use in messages.
 FORCE = "--force (force=True in Python)"
 #: Logger of the package.
 log = logging.getLogger("heliosweep")
 
 
 def printable(text: object) -> str:
-    """Return text with its control characters escaped, because names and titles may contain any character."""
+    """Return text with control characters escaped, because names and titles may contain any character."""
     spaces = "\n\t\u00a0\u2007\u2009\u202f"  # shown unchanged
     return "".join(
         letter if letter.isprintable() or letter in spaces else letter.encode("unicode_escape").decode("ascii")
@@ -29,7 +29,7 @@ def printable(text: object) -> str:
 
 @dataclass(frozen=True)
 class Problem:
-    """Problem in the input, with its position.
+    """Problem in the input and its position.
 
     Parameters
     ----------
@@ -38,11 +38,11 @@ class Problem:
     key : str
         Dotted key in the study file, for instance ``site.latitude``; an empty string if no key applies.
     file : str
-        Name of the file as given by the user.
+        File name as given by the user.
     line, column : int, optional
         Line and column in the file, counted from 1.
     unlisted : int
-        Number of unlisted problems that this entry represents; 0 for a single problem.
+        Number of unlisted problems that this entry summarizes; 0 for a single problem.
     """
 
     message: str
@@ -63,7 +63,7 @@ def reason_of(error: BaseException | None) -> str:
 
 
 def listed(problems: Iterable[Problem], most: int, count: int, words: str = "more problems") -> list[Problem]:
-    """Return the first `most` of `count` problems in a file, and one entry for all other problems."""
+    """Return the first `most` of `count` problems in a file, and one entry that summarizes the rest."""
     first = list(islice(problems, most))
     rest = count - len(first)
     return [*first, Problem(f"and {rest:,} {words}", file=first[0].file, unlisted=rest)] if rest else first
@@ -79,7 +79,7 @@ class HeliosweepError(Exception):
 
 
 def load_extra(module: str, package: str, extra: str) -> Any:
-    """Import and return a module of an optional package.
+    """Import and return a module from an optional package.
 
     Raises
     ------
@@ -121,6 +121,6 @@ class PlanError(HeliosweepError):
 
 
 class RunInterrupted(HeliosweepError):
-    """Error raised if a run is stopped before it ends. No incomplete file remains."""
+    """Error raised if a run is stopped before it finishes. No incomplete files remain."""
 
     exit_code = 4

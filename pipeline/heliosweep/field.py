@@ -1,4 +1,4 @@
-"""Cosine, shading and blocking efficiencies of a heliostat field with flat rectangular mirrors, without optics.
+"""Cosine, shading and blocking efficiencies of a heliostat field with flat rectangular mirrors.
 
 Coordinates are x east, y north and z up [m]. Azimuths run clockwise from north [deg].
 """
@@ -33,16 +33,16 @@ def field_efficiency(
     layout: Any, sun_azimuth: ArrayLike, sun_elevation: ArrayLike, *, width: ArrayLike, height: ArrayLike,
     aim: ArrayLike, tracking: str = "azimuth_elevation", tower: tuple[float, float] | None = None,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute cosine, shading and blocking efficiencies of each heliostat in a field.
+    """Compute the cosine, shading and blocking efficiencies of each heliostat in a field.
 
     Shaded and blocked areas are computed exactly. All other mirrors are projected onto each mirror, along the sun's
-    rays for shading and along the ray to the aim point for blocking. The lost area is the area of the union of the
-    projections. The shadow of the tower is another polygon in this union.
+    rays for shading and along the ray to the aim point for blocking. The lost area is the area of the union of all
+    projections. If a tower is given, its shadow is added to the union as another polygon.
 
     Parameters
     ----------
     layout : array, DataFrame, Dataset or mapping
-        Centres of the mirrors: shape (N, 3), or with columns x, y and z. [m]
+        Mirror centres, as an array of shape (N, 3) or as columns x, y and z. [m]
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Azimuth and elevation of the sun. [deg]
     width, height : float or array, shape (N,)
@@ -50,8 +50,8 @@ def field_efficiency(
     aim : float or array, shape (3,) or (N, 3)
         Aim points, or the height of a common aim point at x = y = 0. [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}
-        Tracking method. The width of a mirror is horizontal ('azimuth_elevation'), or perpendicular to the plane of the
-        sun and the aim point ('spinning_elevation').
+        Tracking method. The width of each mirror is horizontal ('azimuth_elevation'), or perpendicular to the plane
+        through the mirror centre, the sun and the aim point ('spinning_elevation').
     tower : (float, float), optional
         Radius and top height of a tower that stands at x = y = 0 and casts a shadow. The shadow has a straight end and
         the same area as the shadow of a cylinder. [m]
@@ -60,18 +60,18 @@ def field_efficiency(
     -------
     xarray.Dataset
         Variables `cosine_efficiency`, `shading_efficiency`, `blocking_efficiency` and `optical_efficiency` with the
-        dimensions time (omitted for a single instant) and heliostat; NaN if the sun is below the horizon. [1]
+        dimensions ``time`` (omitted for a single instant) and ``heliostat``; NaN if the sun is below the horizon. [1]
 
     Raises
     ------
     ValueError
         If the shapes do not match, the tracking method is unknown, a side is not above 0 m, a mirror is at its aim
-        point or within the tower, or the radius or top of the tower is not above 0 m.
+        point or within the tower, or the radius or top height of the tower is not above 0 m.
 
     References
     ----------
-    Chong and Tan (2012), International Journal of Photoenergy 2012, 908364, doi 10.1155/2012/908364. The unions of
-    shadows are described in docs/families/field_efficiency.md.
+    Chong and Tan (2012), International Journal of Photoenergy 2012, 908364, doi 10.1155/2012/908364. The page
+    docs/families/field_efficiency.md describes how the unions are computed.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Libraries that are slow to import. Each is imported when one of its names is first used."""
+"""Libraries that are slow to import. Each library is imported when one of its names is first used."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["netCDF4", "pd", "pvlib", "scipy", "shapely", "xr"]
 
 
 class _Lazy:
-    """Placeholder for a module, so that commands that do not use the module start quickly."""
+    """Placeholder for a module that is imported on first use."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -1,4 +1,4 @@
-"""Digest of the source files that affect computed numbers, and versions of the libraries that these files use."""
+"""Digest of the source files that affect computed values, and versions of the libraries that these files use."""
 
 from __future__ import annotations
 
@@ -11,27 +11,30 @@ from importlib import metadata
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
-#: Folders and modules of the package that do not affect computed numbers.
+#: Folders and modules of the package that do not affect computed values.
 _OTHERS = {"report", "share", "store", "runs", "search"}
 _OTHERS |= {f"{name}.py" for name in ("__main__", "accessor", "api", "cli", "commands", "errors", "files")}
 
 
 @cache
 def code_versions(*modules: str) -> dict[str, str]:
-    """Return a digest of this package and of the packages that contain the given modules, and the library versions."""
+    """Return a source digest and the versions of the libraries that affect computed values.
+
+    The digest covers this package and the packages that contain the given modules.
+    """
     folders = {_PACKAGE}
     for name in modules:
         package = name.partition(".")[0]
         if package != _PACKAGE.name and (spec := importlib.util.find_spec(package)) and spec.origin:
             folders.add(Path(spec.origin).parent if spec.submodule_search_locations else Path(spec.origin))
     digest = source_digest(*sorted(folders))
-    # These libraries affect computed numbers. By contrast, xarray and dask only store numbers.
+    # xarray and dask are omitted because they only store values.
     libraries = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pvlib", "pillow", "tzdata")
     return {"heliosweep": digest[:16], **{name: version_of(name) or "missing" for name in libraries}}
 
 
 def source_digest(*places: Path) -> str:
-    """Return the SHA-256 digest of the Python files at the given paths. Some files of this package are excluded."""
+    """Return the SHA-256 digest of the Python files at the given paths, excluding those listed in `_OTHERS`."""
     digest = hashlib.sha256()
     for place in places:
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
@@ -48,7 +51,7 @@ def version_of(library: str) -> str | None:
 
 
 def installed() -> dict[str, str]:
-    """Return the versions of this package and of all installed packages that are direct or indirect requirements."""
+    """Return the versions of this package and of its installed direct and indirect dependencies."""
     found: dict[str, str] = {}
     waiting = [_PACKAGE.name]
     while waiting:

@@ -1,10 +1,10 @@
-"""Position of the sun, from the SPA at civil times and from Cooper's declination at solar times.
+"""Position of the sun, computed with the Solar Position Algorithm (SPA) or with Cooper's declination.
 
 Azimuths are measured clockwise from north, and elevations upwards from the horizon without refraction [deg]. Unit
-vectors to the sun have east, north and up components. Positions at civil times are as accurate as those of the SPA, but
-take only 1 % of its computing time. The SPA of pvlib is called once per day, and splines interpolate between days. From
-1950 to 2050, the maximum difference from pvlib's SPA is 0.001 arcsec. One third of this difference is due to rounding
-of the Julian day in pvlib.
+vectors to the sun have east, north and up components. For civil times, pvlib's SPA is evaluated once per day, and
+splines interpolate between days. This method takes only 1 % of the computing time of the SPA. From 1950 to 2050, the
+maximum difference from pvlib's SPA is 0.001 arcsec. One third of this difference is due to rounding of the Julian day
+in pvlib.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ def sun_position(
     Parameters
     ----------
     time : datetime64, str, DatetimeIndex or array, shape (T,)
-        Instants, in universal time if they have no time zone.
+        Instants. Times without a time zone are in universal time.
     latitude, longitude : float
-        Coordinates of the site, positive north and east. [deg]
+        Latitude and longitude of the site, positive north and east. [deg]
     altitude : float
         Height above sea level. [m]
     delta_t : float, optional
-        Terrestrial minus universal time (default: pvlib's estimate for the month). [s]
+        Terrestrial time minus universal time (default: pvlib's estimate for the month). [s]
 
     Returns
     -------
     xarray.Dataset
-        Variables `sun_azimuth` and `sun_elevation` along ``time`` (omitted for a single time). [deg]
+        Variables `sun_azimuth` and `sun_elevation` with the dimension ``time`` (omitted for a single instant). [deg]
 
     Raises
     ------
@@ -78,17 +78,17 @@ def sun_position_solar(
     latitude : float
         Latitude, positive north. [deg]
     solar_hour : float or array, shape (H,)
-        Solar time, 12 h when the sun crosses the meridian. [h]
+        Solar time; 12 h when the sun crosses the meridian. [h]
     day : float or array, shape (D,), optional
-        Day of the year, 1 on 1 January, from which Cooper's formula computes the declination.
+        Day of the year (1 for 1 January), from which Cooper's formula gives the declination.
     declination : float or array, shape (D,), optional
-        Solar declination, positive north, instead of the day. [deg]
+        Solar declination, positive north, to use instead of `day`. [deg]
 
     Returns
     -------
     xarray.Dataset
-        Variables `sun_azimuth` and `sun_elevation` along ``day`` (or ``declination``) and ``solar_hour``. The dimension
-        of a scalar argument is omitted. [deg]
+        Variables `sun_azimuth` and `sun_elevation` with the dimensions ``day`` (or ``declination``) and
+        ``solar_hour``. The dimension of a scalar argument is omitted. [deg]
 
     Raises
     ------
@@ -119,14 +119,15 @@ def sun_position_solar(
 
 
 def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
-    """Return the elevation of the horizon at given azimuths, linearly interpolated from a table.
+    """Interpolate the elevation of the horizon at given azimuths.
 
     Parameters
     ----------
     azimuth : float, array or DataArray
         Azimuth, clockwise from north. [deg]
     horizon : array, shape (points, 2)
-        Azimuths and elevations of points on the horizon in any order. The interpolation is periodic in azimuth. [deg]
+        Azimuths and elevations of points on the horizon, in any order. The interpolation is linear and periodic in
+        azimuth. [deg]
 
     Returns
     -------
@@ -158,13 +159,13 @@ def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
 
 
 def direction(azimuth: ArrayLike, elevation: ArrayLike) -> NDArray[np.float64]:
-    """Return unit vectors, shape (..., 3), for azimuths and elevations that are broadcast against each other [deg]."""
+    """Return the unit vectors, shape (..., 3), for broadcast azimuths and elevations [deg]."""
     a, e = np.broadcast_arrays(np.radians(azimuth), np.radians(elevation))
     return np.stack((np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=-1)
 
 
 def _labelled(vectors: NDArray[np.float64], labels: dict[str, Any]) -> xr.Dataset:
-    """Return a data set of the azimuths and elevations of unit vectors, with the dimensions of `labels`."""
+    """Convert unit vectors to a data set of azimuths and elevations with the dimensions of `labels`."""
     shape = tuple(len(values) for values in labels.values())
     angles = {
         "sun_azimuth": (np.degrees(np.arctan2(vectors[..., 0], vectors[..., 1])) % 360.0, "solar_azimuth_angle"),
@@ -177,8 +178,8 @@ def _labelled(vectors: NDArray[np.float64], labels: dict[str, Any]) -> xr.Datase
     return xr.Dataset(variables, labels)
 
 
-#: Number of daily nodes of a spline, and number of additional nodes at each end.
-#: The error at the end of a spline decreases by a factor of 0.27 per node.
+#: Number of daily nodes in each spline, and number of additional nodes at each end.
+#: Each additional node multiplies the error at the end of the spline by 0.27.
 NODES, MARGIN = 365, 20
 
 
@@ -189,14 +190,15 @@ def sun_vectors(
     altitude: ArrayLike = 0.0,
     delta_t: float | None = None,
 ) -> NDArray[np.float64]:
-    """Return unit vectors towards the sun, without refraction, for all sites at the same instants.
+    """Return unit vectors to the sun, without refraction, for all sites at the same instants.
 
     `utc` contains universal times; the result is NaN for NaT. Latitudes and longitudes, positive north and east [deg],
-    and altitudes above sea level [m] are broadcast. The difference `delta_t` is terrestrial minus universal time [s]
-    (default: pvlib's estimate for the month of each instant). The result has the shape (*sites, T, 3), with east, north
-    and up components. [1]
+    and altitudes above sea level [m] are broadcast against each other. `delta_t` is terrestrial time minus universal
+    time [s] (default: pvlib's estimate for the month of each instant). The result has the shape (*sites, T, 3), with
+    east, north and up components. [1]
 
-    Raises ValueError if `delta_t` is not finite or not below a day, or if an instant is outside the years 1678 to 2261.
+    Raises ValueError if `delta_t` is not finite or has a magnitude of one day or more, or if an instant is outside the
+    years 1678 to 2261.
     """
     stamps = np.asarray(utc, "datetime64[ns]")
     given = np.asarray(utc, "datetime64")
@@ -212,7 +214,7 @@ def sun_vectors(
         instants = np.where(known, stamps, stamps[known.argmax()]).view(np.int64)
         first, last = int(instants.min()), int(instants.max())
         late = _delta_t(first // DAY, last // DAY, delta_t)
-        # A margin of 1 us allows for rounding of the days in terrestrial time.
+        # A margin of 1 us allows for rounding errors in terrestrial time.
         ends = first + int(late.min() * 1e9) - 1000, last + int(late.max() * 1e9) + 1000
         parts = range(ends[0] // DAY // NODES, ends[1] // DAY // NODES + 1)
         pieces = np.concatenate([_splines(part) for part in parts])
@@ -223,10 +225,10 @@ def sun_vectors(
 
 @lru_cache(8)
 def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
-    """Return terrestrial minus universal time for each day from `first` to `last`, counted in days since 1970. [s]"""
+    """Return terrestrial time minus universal time for the days `first` to `last`, counted from 1970. [s]"""
     if fixed is not None:
         if not abs(fixed) < 86400.0:
-            raise ValueError(f"delta_t must be less than a day, not {fixed} s")
+            raise ValueError(f"`delta_t` must be less than one day (got {fixed} s)")
         return np.full(last - first + 1, float(fixed))
     months = np.arange(first, last + 1).astype("datetime64[D]").astype("datetime64[M]").astype(int)
     each = np.arange(months[0], months[-1] + 1)
@@ -235,7 +237,7 @@ def _delta_t(first: int, last: int, fixed: float | None) -> NDArray[np.float64]:
 
 @cache
 def _spa() -> Any:
-    """Return pvlib's SPA module without importing all of pvlib, which would take 0.5 s."""
+    """Import only the SPA module of pvlib, because importing all of pvlib takes 0.5 s."""
     spec: Any = importlib.util.spec_from_file_location("pvlib_spa", named_in(Path(), f"{PVLIB}spa.py"))
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -244,7 +246,10 @@ def _spa() -> Any:
 
 @lru_cache(maxsize=256)
 def _splines(part: int) -> NDArray[np.float64]:
-    """Return splines of the sun's direction and parallax over `NODES` days in terrestrial time, counted from 1970."""
+    """Return splines of the sun's direction and parallax over one period of `NODES` days in terrestrial time.
+
+    `part` is the number of the period, counted from 1970.
+    """
     position = _spa().solar_position
     days = np.arange(part * NODES - MARGIN, (part + 1) * NODES + MARGIN + 1)
     unix = days * 86400.0
