@@ -106,10 +106,10 @@ def update(path: Path, found: Compared) -> None:
     names = next(csv.reader([lines[header]]))
     names += [name for name in ("computed", "verdict") if name not in names]
     rows = {header: dict(zip(names, names, strict=True))}
-    for number, one in zip(found.values.index, found.values.itertuples(), strict=True):
+    for number, row in zip(found.values.index, found.values.to_dict("records"), strict=True):
         cells = dict(zip(names, [*next(csv.reader([lines[number - 1]])), "", ""], strict=False))
-        computed = one.found.replace("\N{MINUS SIGN}", "-").replace(",", "")
-        rows[number - 1] = cells | {"computed": computed, "verdict": one.verdict}
+        computed = row["found"].replace("\N{MINUS SIGN}", "-").replace(",", "")
+        rows[number - 1] = cells | {"computed": computed, "verdict": row["verdict"]}
     for number, cells in rows.items():
         buffer = io.StringIO()
         csv.writer(buffer, lineterminator="").writerow([cells[name] for name in names])
@@ -122,7 +122,9 @@ def index(found: list[Table]) -> str:
     parts = []
     for paper in dict.fromkeys([*(one.paper for one in found), *CLAIMS]):
         ours = {of.name: of.stated() for of in found if of.paper == paper}
-        rows = [Row(one.claim, name, *_single(one)) for name, values in ours.items() for one in values.itertuples()]
+        rows = [
+            Row(str(one.claim), name, *_single(one)) for name, values in ours.items() for one in values.itertuples()
+        ]
         rows += [
             Row(one.text, one.study, [one.computed, one.printed, one.reason], one.verdict)
             for one in CLAIMS.get(paper, ())

@@ -184,9 +184,9 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
     values = pd.DataFrame({key: table.texts(key) for key in table.header}, index=table.lines)
     values = values.reindex(columns=[*dict.fromkeys([*values, *_COLUMNS])], fill_value="")
     for key in ("quantity", "unit"):
-        for row in np.flatnonzero(values[key] == ""):
+        for row in np.flatnonzero(values[key] == "").tolist():
             table.add(f"{key} is empty", row, key)
-    for row in np.flatnonzero(~values["verdict"].isin(("", *VERDICTS))):
+    for row in np.flatnonzero(~values["verdict"].isin(("", *VERDICTS))).tolist():
         table.add(f"verdict must be {one_of(VERDICTS)} (got {values['verdict'].iloc[row][:40]!r})", row, "verdict")
     table.column("published")
     values["tolerance"] = table.column("tolerance")
@@ -210,7 +210,7 @@ def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], fl
         If a quantity or coordinate does not exist or is missing. The message lists every problem with its line number.
     """
     found, problems = [], []
-    for line, row in table.values.to_dict("index").items():
+    for line, row in zip(table.values.index.tolist(), table.values.to_dict("records"), strict=True):
         labels = {name: row[name] for name in table.coordinates if row[name]}
         try:
             found.append(_locate(result, row["quantity"], row["unit"], labels))
@@ -289,7 +289,7 @@ def read_comparison(path: Path) -> Compared:
     try:
         values = pd.read_csv(path, skiprows=len(source), dtype=str, keep_default_na=False)
         values = judged(values.astype({"tolerance": float}), values["computed"].astype(float))
-        return Compared(values[[*values.columns.difference(STORED, sort=False), *STORED]], "\n".join(source))
+        return Compared(values[[*values.columns.difference([*STORED], sort=False), *STORED]], "\n".join(source))
     except (KeyError, ValueError):
         message = "is not a comparison written by heliosweep; remove it, or run the study again"
         raise StudyError(Problem(message, file=str(path))) from None
