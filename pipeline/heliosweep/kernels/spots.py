@@ -196,7 +196,10 @@ def deviation_curves(
     shape = points, places.shape[1], suns.shape[1]
     shapes = (3, *shape, angles.shape[1]), shape, (9, *shape), (3, *shape, len(detectors))
     found = Curves(*(np.full(whole, np.nan) for whole in shapes))
-    fill_curves(compiled_setting(setting), sources, axes, detectors, (suns, places, angles, stood), found)
+    # If the mirror centre is fixed, the reflected rays form a cone whose apex is this centre.
+    stays = (setting.mirror_offset == 0.0) & ((sources == ENCODER) | (setting.pedestal_height == 0.0))
+    closed = ((sources == CANTING) | stays) & (axes != ENCODER_AZIMUTH)
+    fill_curves(compiled_setting(setting), sources, axes, closed, detectors, (suns, places, angles, stood), found)
     return found
 
 
@@ -246,6 +249,7 @@ def fill_curves(
     setting: Setting,
     source: NDArray[np.int64],
     axis: NDArray[np.int64],
+    closed: NDArray[np.bool_],
     lines: Floats,
     sky: tuple[Floats, Floats, Floats, Floats],
     found: Curves,
@@ -254,9 +258,6 @@ def fill_curves(
     spots, tolerance, conic, crossing = found
     edges, work = np.array(_EDGES), np.empty((4, 8))
     for p in range(len(source)):
-        # If the mirror centre is fixed, the reflected rays form a cone whose apex is this centre.
-        stays = setting.mirror_offset[p] == 0.0 and (source[p] == ENCODER or setting.pedestal_height[p] == 0.0)
-        closed = (source[p] == CANTING or stays) and axis[p] != ENCODER_AZIMUTH
         face = face_vectors(setting.face_azimuth[p], setting.face_tilt[p])
         w, h = setting.half_width[p], setting.half_height[p]
         edges[:2, 2], edges[2:, 2] = w, h
@@ -272,13 +273,13 @@ def fill_curves(
                     continue
                 series, tolerance[p, i, t] = spot_series(curve, face), 0.0
                 if aligned or (abs(y) <= w and abs(z) <= h):
-                    tolerance[p, i, t] = abs(nearest(curve, series, closed, face, edges, work))
-                if closed:
+                    tolerance[p, i, t] = abs(nearest(curve, series, closed[p], face, edges, work))
+                if closed[p]:
                     write_conic(curve, face, conic[:, p, i, t])
                 for m in range(len(lines)):
                     error = 0.0
                     if not aligned or lines[m, 2] != 0.0:  # otherwise the line passes through the spot without error
-                        error = nearest(curve, series, closed, face, lines[m : m + 1], work)
+                        error = nearest(curve, series, closed[p], face, lines[m : m + 1], work)
                     y, z, status = spot_at(curve, face, math.cos(error), math.sin(error))
                     if abs(error) < math.inf and status == REACHES:
                         crossing[0, p, i, t, m], crossing[1, p, i, t, m], crossing[2, p, i, t, m] = y, z, error
