@@ -42,7 +42,7 @@ def test_each_outline_is_shapely_s_image_within_the_mirror(tracking, close):
         frames = [frame(r, sun, tracking) for r in mirrors.aim]
         for i in range(count):
             for e, direction in enumerate((sun, mirrors.aim[i])):
-                near = mirrors.throw[i] if e else np.inf
+                near = mirrors.mounts[i, 5] if e else np.inf
                 expected = {
                     j: shapely.affinity.scale(
                         image(i, j, direction, centres, frames, sides) & SQUARE, *sides[i], origin=(0, 0)

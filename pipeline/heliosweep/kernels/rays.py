@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from heliosweep.kernels.compiled import Floats, Integers, inline, inner, kernel
 from heliosweep.kernels.device import run_on_device
 from heliosweep.kernels.field import packets
-from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, Cells, Mirrors, by_cells, cone, search
+from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, by_cells, cone, search
 from heliosweep.kernels.mounts import face_vectors, pointing_turns
 from heliosweep.kernels.sunshapes import SunShape, pillbox, quantile
 
@@ -224,12 +224,12 @@ def add(array, index, value):
 
 
 @kernel
-def _blockers(start, stop, beams, field, mirrors, cells, names, rank, found, limits, firsts, out):
+def _blockers(start, stop, beams, field, spheres, cells, names, rank, found, limits, firsts, out):
     """List the heliostats that may block each heliostat; if `out` is too short, only its offsets `firsts` are valid."""
     for i in range(start, stop):
         dx, dy, dz = field[i, 4] - field[i, 0], field[i, 5] - field[i, 1], field[i, 6] - field[i, 2]
         far = limits[i - start] = math.sqrt(dx * dx + dy * dy + dz * dz)
-        count = search(rank[i], cone(dx / far, dy / far, dz / far, beams[i]), far, mirrors, cells, found)
+        count = search(rank[i], cone(dx / far, dy / far, dz / far, beams[i]), far, spheres, cells, found, 0)
         at = firsts[i - start]
         firsts[i - start + 1] = at + count
         for c in range(count if at + count <= out.shape[0] else 0):
@@ -492,7 +492,7 @@ def trace_pairs(
         passes,
         spinning,
         field,
-        mirrors,
+        spheres,
         grid,
         names,
         rank,
@@ -522,7 +522,7 @@ def trace_pairs(
         sx, sy, sz = sun[t, 0], sun[t, 1], sun[t, 2]
         if not sz > 0.0 or (i + t) % stride != 0:
             continue
-        shaders = search(rank[i], cone(sx, sy, sz, optics[3]), 1e300, mirrors, grid, found)
+        shaders = search(rank[i], cone(sx, sy, sz, optics[3]), 1e300, spheres, grid, found, 0)
         low, high = blocker_first[i - start], blocker_first[i - start + 1]
         _frame(i, t, sx, sy, sz, spinning, field, frames, stamp)
         for c in range(lane(), shaders, lanes()):
@@ -699,7 +699,9 @@ def trace(
     scale = 2.0 ** np.floor(
         [51 - math.log2(total), 60 - math.log2(total * max(share.sum(), 1e-9)), 51 - math.log2(largest)]
     )
-    field, mirrors, grid, names = _grid(scene, seed)
+    field = _parameters(scene, seed)
+    grid, names = by_cells(field[:, :4])
+    spheres = np.ascontiguousarray(field[names, :4])
     rank = np.argsort(names)
     power = min(_MOST_POWER, max(13, (rays // REPLICATES - 1).bit_length()))
     with _LOCK:
@@ -725,7 +727,7 @@ def trace(
         blockers = np.empty(0, np.int64)
         for _ in range(2):
             blockers = np.empty(firsts[-1], np.int64)
-            _blockers(begin, end, beams, field, mirrors, grid, names, rank, found, limits, firsts, blockers)
+            _blockers(begin, end, beams, field, spheres, grid, names, rank, found, limits, firsts, blockers)
         turn = np.empty((0, 0, 2))
         if len(scene.mounts):
             turn = pointing_turns(
@@ -737,14 +739,14 @@ def trace(
         whole = np.zeros((REPLICATES, instants, QUANTITIES))
         problem = (
             begin, end, sun, first, last, weights, group, table, min(rays, _LANES), passes,
-            scene.tracking != AZIMUTH_ELEVATION, field, mirrors, grid, names, rank, blockers, firsts, limits, turn,
+            scene.tracking != AZIMUTH_ELEVATION, field, spheres, grid, names, rank, blockers, firsts, limits, turn,
             optics, receiver, place, slope, number, maps.facet, tower, scale, share, area, stride,
         )  # fmt: skip
         if cuda:
             parts = (  # called functions first
-                packets.dot, packets.offset, packets.occludes, packets._beside, search, cone, _frame, _place,
-                _map_slopes, _reflect, _cover, _tower, _meet_cylinder, _meet_rectangle, _count, _rotated, _constants,
-                _add, trace_pairs,
+                packets.dot, packets.larger, packets.smaller, packets.offset, packets.occludes, packets._beside, search,
+                cone, _frame, _place, _map_slopes, _reflect, _cover, _tower, _meet_cylinder, _meet_rectangle, _count,
+                _rotated, _constants, _add, trace_pairs,
             )  # fmt: skip
             run_on_device(
                 parts, (_ROWS * _LANES, _CONSTANTS, 6 * REPLICATES), _LANES, problem, count,
@@ -870,8 +872,8 @@ def filled(slope: Floats) -> Floats:
     return np.stack([each[tuple(at)] for each, at in zip(slope, nearest, strict=True)])
 
 
-def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
-    """Return mirror parameters, shape (N, 25), the mirrors sorted by cells, the cells, and the sorting order."""
+def _parameters(scene: Scene, seed: int) -> Floats:
+    """Return mirror parameters, shape (N, 25). The first four are the values of `packets.Mirrors.spheres`."""
     count, half = len(scene.centre), 0.5 * scene.sides
     radius = np.hypot(*half.T)
     curve = np.broadcast_to(scene.curve.reshape(count, -1), (count, 2))
@@ -883,10 +885,9 @@ def _grid(scene: Scene, seed: int) -> tuple[Floats, Mirrors, Cells, Integers]:
     shift = (np.arange(1, count + 1)[:, np.newaxis] * steps + 0.5698402909980532 * seed) % 1.0
     angle = 2.0 * math.pi * shift[:, :3]
     spin = np.stack((np.cos(angle), np.sin(angle)), axis=2).reshape(count, 6)
-    field = np.column_stack(
+    return np.column_stack(
         (scene.centre, radius, scene.target, half, curve, scene.cant, errors, scene.turn, spin, shift[:, 3:])
     )
-    return field, *by_cells(Mirrors(scene.centre, half, radius, scene.centre, radius))
 
 
 def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floats]:

@@ -3,9 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from heliosweep.kernels.compiled import inline, inner, kernel
+from heliosweep.kernels.compiled import Floats, inline, inner
 
 Vector = tuple[float, float, float]
 
@@ -20,12 +19,23 @@ GROUP = 8
 ROW = PACKET + GROUP
 
 
-@kernel
-def rows(count: int) -> NDArray[np.float64]:
+def rows(count: int) -> Floats:
     """Allocate `count` rows of lanes, aligned to a cache line, because a load across two lines takes twice as long."""
     numbers = np.empty(count * ROW + 8)
     skip = -(numbers.ctypes.data >> 3) & 7
     return numbers[skip : skip + count * ROW]
+
+
+@inline
+def larger(a: float, b: float) -> float:
+    """Return the larger of two numbers, in a form that compiles to one vector instruction."""
+    return a if a > b else b
+
+
+@inline
+def smaller(a: float, b: float) -> float:
+    """Return the smaller of two numbers, in a form that compiles to one vector instruction."""
+    return a if a < b else b
 
 
 @inline

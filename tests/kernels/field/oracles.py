@@ -69,12 +69,12 @@ def lost(images):
 
 def instant(i, mirrors, tracking, s, tower=None):
     """Cosine, shading, blocking and optical efficiency of heliostat i at one instant, by trying every pair."""
-    centres, sides = mirrors.centre, mirrors.half
+    centres, sides = mirrors.spheres[:, :3], mirrors.mounts[:, :2]
     frames = [frame(r, s, tracking) for r in mirrors.aim]
     r = mirrors.aim[i]
     others = [j for j in range(len(centres)) if j != i]
     shade = [image(i, j, s, centres, frames, sides) for j in others]
     shade += [] if tower is None else [tower_image(i, s, tower, centres, frames, sides)]
-    block = [image(i, j, r, centres, frames, sides) for j in others if (centres[j] - centres[i]) @ r < mirrors.throw[i]]
+    block = [image(i, j, r, centres, frames, sides) for j in others if (centres[j] - centres[i]) @ r < mirrors.mounts[i, 5]]
     cosine = np.sqrt((1.0 + r @ s) / 2.0)
     return np.array([cosine, 1.0 - lost(shade), 1.0 - lost(block), cosine * (1.0 - lost(shade + block))])

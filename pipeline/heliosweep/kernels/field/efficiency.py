@@ -10,6 +10,7 @@ calls. Rounding errors of sums depend on the order of the packets, which follows
 Outlines of shadows and blocked parts are images of other mirrors, clipped at the edges of the test mirror.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -20,30 +21,35 @@ from heliosweep.kernels.field.packets import (
     COSINE,
     FRAME,
     SPINNING_ELEVATION,
+    Beam,
     Cells,
     Mirrors,
-    beam,
+    beams,
     by_cells,
+    cone,
     occludes,
-    offset,
     packet_order,
     search,
     write_frame,
 )
 from heliosweep.kernels.field.unions import (
+    CORNERS,
+    IMAGES,
+    RESULT,
     SQUARE,
+    TO_TARGET,
+    TOTAL,
+    WEIGHT,
     area,
-    images_of,
     outline,
     project,
     project_tower,
-    room_for,
     unions,
     within,
     write_axes,
     write_square,
 )
-from heliosweep.kernels.vectors import GROUP, ROW, dot, get, put, rows, store
+from heliosweep.kernels.vectors import GROUP, ROW, get, larger, put, rows, smaller, store
 
 
 class SortedField(NamedTuple):
@@ -66,7 +72,8 @@ def aimed(
     throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
     radius = np.sqrt(half[:, 0] ** 2 + half[:, 1] ** 2)
     with np.errstate(invalid="ignore"):  # zero distance to the target: rejected by `sorted_field`
-        return Mirrors(centre, half, radius, to_target / throw[:, np.newaxis], throw)
+        aim = to_target / throw[:, np.newaxis]
+    return Mirrors(np.column_stack((centre, radius)), np.column_stack((half, aim, throw)))
 
 
 def sorted_field(
@@ -99,7 +106,8 @@ def sorted_field(
     mirrors = aimed(x, y, z, half_width, half_height, target_height)
     if not all(np.isfinite(each).all() for each in mirrors):
         raise ValueError("centres and half sides must be finite, and no mirror may be at the target")
-    return SortedField(*by_cells(mirrors), np.array(tower or (0.0, 0.0), np.float64))
+    cells, names = by_cells(mirrors.spheres)
+    return SortedField(Mirrors(*(each[names] for each in mirrors)), cells, names, np.array(tower or (0.0, 0.0)))
 
 
 def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop: int) -> tuple[Floats, int]:
@@ -174,9 +182,7 @@ def field_energies(
         raise ValueError(
             f"weights and periods must have shape ({len(sun)},), and periods must be from 0 to {periods - 1}"
         )
-    sums = np.zeros((stop - start if stop > start else 0, periods, _QUANTITIES))
-    _sweep(field, tracking, sun, start, stop, np.empty((4, 0, 0)), weight, period, sums)
-    return sums
+    return _sweep(field, tracking, sun, start, stop, weight, period, (periods, 7))
 
 
 def field_series(field: SortedField, tracking: int, sun: Floats, start: int, stop: int) -> Floats:
@@ -187,47 +193,11 @@ def field_series(field: SortedField, tracking: int, sun: Floats, start: int, sto
     ndarray, shape (4, T, stop - start)
         Cosine, shading, blocking and optical efficiency; NaN if the sun is at or below the horizon. [1]
     """
-    series = np.full((4, len(sun), stop - start if stop > start else 0), np.nan)
-    weight, period = np.ones(len(sun)), np.zeros(len(sun), np.int64)
-    _sweep(field, tracking, sun, start, stop, series, weight, period, np.empty((0, 0, 0)))
-    return series
+    series = _sweep(field, tracking, sun, start, stop, np.ones(len(sun)), np.arange(len(sun)), (len(sun), 4))
+    series[:, ~(sun[:, 2] > 0.0)] = np.nan
+    return np.moveaxis(series, 2, 0).swapaxes(1, 2)
 
 
-def _sweep(
-    field: SortedField,
-    tracking: int,
-    sun: Floats,
-    start: int,
-    stop: int,
-    series: Floats,
-    weight: Floats,
-    period: Integers,
-    sums: Floats,
-) -> None:
-    """Check the arguments, because compiled code does not check array bounds, and call `sweep`."""
-    count = len(field.names)
-    if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun[sun[:, 2] > 0.0]).all():
-        raise ValueError("sun vectors above the horizon must be finite, with shape (T, 3)")
-    if not 0 <= start <= stop <= count:
-        raise ValueError(f"heliostats {start}..{stop} are not within a field of {count}")
-    if tracking not in (SPINNING_ELEVATION, AZIMUTH_ELEVATION):
-        raise ValueError(f"unknown tracking method {tracking}")
-    sun = np.array(sun, np.float64, order="C")  # a copy, because a read-only array would need another compilation
-    up = np.flatnonzero(sun[:, 2] > 0.0)
-    order, first = packet_order(sun[up])
-    tests = np.flatnonzero((field.names >= start) & (field.names < stop))
-    if len(tests) and len(up):
-        rows = field.names[tests] - start
-        order = up[order]
-        turn = np.lexsort((period[order], np.repeat(np.arange(len(first) - 1), np.diff(first))))
-        sweep(
-            field.mirrors, field.cells, field.tower, tracking, sun, order, first, turn, tests, rows, series, weight,
-            period, sums,
-        )  # fmt: skip
-
-
-#: Number of sums for each heliostat and period.
-_QUANTITIES = 7
 #: `_TOGETHER`: Maximum number of packets whose candidates are searched together. Each packet tests these candidates.
 #: `_WIDEST`: Maximum sine of the half-angle of the directions in these packets.
 #: The sine `_WIDEST` is relative to the sine of the lowest elevation.
@@ -236,180 +206,159 @@ _TOGETHER, _WIDEST = 8, 8.0
 _KEPT = 1000
 
 
-class Lines(NamedTuple):
-    """Values for one packet and one test heliostat, in rows with one element per lane, and mirror frames."""
-
-    #: Unit vectors to the sun and to the target of the test heliostat. [1]
-    to_sun: Floats
-    to_target: Floats
-    #: Projection axes U and V for the direction to the sun or to the target. [1/m]
-    views: Floats
-    #: Shaded area, blocked area, and area that is shaded or blocked, on the square of area 4.
-    total: Floats
-    #: Weight of each lane.
-    weight: Floats
-    #: Weighted cosine, shading, blocking and optical efficiency; cosine times shading; cosine times shading times
-    #: blocking; and cosine times the fraction that the tower does not shade.
-    result: Floats
-    #: Frames of mirrors, see `packets.write_frame`. [m]
-    frames: Floats
-    #: Offset of each heliostat's frame in `frames`, -1 if the frame has not been computed.
-    place: Integers
-
-
-@kernel
-def sweep(
-    mirrors: Mirrors,
-    cells: Cells,
-    tower: Floats,
+def _sweep(
+    field: SortedField,
     tracking: int,
     sun: Floats,
-    order: Integers,
-    first: Integers,
-    turn: Integers,
-    tests: Integers,
-    names: Integers,
-    series: Floats,
+    start: int,
+    stop: int,
     weight: Floats,
     period: Integers,
-    sums: Floats,
-) -> None:
-    """Write the weighted efficiencies of the test heliostats to `series`, and add them to `sums`.
+    shape: tuple[int, int],
+) -> Floats:
+    """Return weighted sums of the first four or all seven results of each heliostat over each period.
 
-    Parameters
-    ----------
-    mirrors, cells : Mirrors, Cells
-        Sorted mirrors and grid cells, from `packets.by_cells`.
-    tower : ndarray, shape (2,)
-        Radius and top height of the tower; 0 if there is no tower. [m]
-    tracking : int
-        Code of the tracking method.
-    sun : ndarray, shape (T, 3)
-        Unit vectors to the sun. [1]
-    order, first : ndarray
-        Packets, from `packets.packet_order`.
-    turn : ndarray
-        Sequence in which instants are summed: indices of `order`, packet by packet, sorted by period.
-    tests, names : ndarray, shape (n,)
-        Indices of the test heliostats in the sorted field, and their rows in the results.
-    series : ndarray, shape (4, T, n), or (4, 0, 0) if no series is written
-        Cosine, shading, blocking and optical efficiency, times the weight. [1]
-    weight, period : ndarray, shape (T,)
-        Weight and period of each instant.
-    sums : ndarray, shape (n, P, 7), or (n, 0, 7) if nothing is summed
-        Weighted sums over each period of the seven quantities that `field_energies` returns.
+    `shape` is the number of periods and of results. The arguments are checked here, because compiled code does not
+    check array bounds.
     """
-    count = mirrors.throw.shape[0]
-    # The arrays hold 16 images. Unused rows of `frames` do not occupy memory.
-    found, place, frames = np.empty(count + 1, np.int64), np.empty(count, np.int64), rows((_KEPT + 18) * 7)
-    lines, images, room = (
-        Lines(rows(3), rows(3), rows(6), rows(3), rows(1), rows(_QUANTITIES), frames, place),
-        images_of(16),
-        room_for(16),
-    )
-    begins, ends = np.zeros(tests.shape[0] + 1, np.int64), np.zeros(tests.shape[0] + 1, np.int64)
-    bundle, last, shaders = beam(sun, order[:1]), 0, np.empty(2 * count, np.int64)
-    blockers = _candidates(tests, bundle, True, mirrors, cells, np.empty(2 * count, np.int64), begins)
-    for p in range(first.shape[0] - 1):
-        packet = order[first[p] : first[p + 1]]
-        lanes = -(-packet.shape[0] // GROUP) * GROUP
-        for k in range(lanes):  # the last instant is repeated until its group is full
-            when = packet[min(k, packet.shape[0] - 1)]
-            lines.weight[k] = weight[when]
-            for c in range(3):
-                lines.to_sun[c * ROW + k] = sun[when, c]
-        t, bundle = 0, beam(sun, packet)
+    count = len(field.names)
+    if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun[sun[:, 2] > 0.0]).all():
+        raise ValueError("sun vectors above the horizon must be finite, with shape (T, 3)")
+    if not 0 <= start <= stop <= count:
+        raise ValueError(f"heliostats {start}..{stop} are not within a field of {count}")
+    if tracking not in (SPINNING_ELEVATION, AZIMUTH_ELEVATION):
+        raise ValueError(f"unknown tracking method {tracking}")
+    sums = np.zeros((stop - start, *shape))
+    flat = sums.reshape(-1)
+    up = np.flatnonzero(sun[:, 2] > 0.0)
+    tests = np.flatnonzero((field.names >= start) & (field.names < stop))
+    if not (len(tests) and len(up)):
+        return sums
+    order, first = packet_order(sun[up])
+    sun, weight, period = sun[up[order]], weight[up[order]], period[up[order]]
+    packet = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    turn = np.lexsort((period, packet))  # instants are summed packet by packet, in the order of the periods
+    when, lane, width = period[turn] * shape[1], turn - first[packet], shape[1]
+    begins, ends = np.zeros(len(tests) + 1, np.int64), np.zeros(len(tests) + 1, np.int64)
+    bundles = {size: beams(sun, np.append(first[:-1:size], first[-1])) for size in (1, _TOGETHER)}
+    blockers = _candidates(field, tests, bundles[1][0], True, np.empty(2 * count, np.int64), begins)
+    shaders, place, room, last = np.empty(2 * count, np.int64), np.empty(count, np.int64), 0, 0
+    rank = (field.names[tests] - start) * (shape[0] * shape[1])
+    for p, (begin, end) in enumerate(itertools.pairwise(first)):
         if p == last:  # list the candidates of several packets together
-            whole, last = bundle, p + 1
-            while last < min(p + _TOGETHER, first.shape[0] - 1):
-                wider = beam(sun, order[first[p] : first[last + 1]])
-                if not wider.narrow or wider.sine > _WIDEST * wider.low:
-                    break
-                whole, last = wider, last + 1
-            shaders = _candidates(tests, whole, False, mirrors, cells, shaders, ends)
-        while t < tests.shape[0]:
-            t, most = _sweep_packet(
-                t, tests, bundle, mirrors, tower, tracking, found, shaders, ends, blockers, begins, lines, images, room,
-                order, first[p], first[p + 1], turn, names, series, period, sums,
-            )  # fmt: skip
-            if most > images.present.shape[0]:
-                images, room, frames = images_of(2 * most), room_for(2 * most), rows((_KEPT + 2 * most + 2) * 7)
-                lines = Lines(
-                    lines.to_sun, lines.to_target, lines.views, lines.total, lines.weight, lines.result, frames, place
-                )
+            bundle, last = bundles[_TOGETHER][p // _TOGETHER], p + _TOGETHER
+            if p % _TOGETHER or not bundle.narrow or bundle.sine > _WIDEST * bundle.low:
+                bundle, last = bundles[1][p], p + 1
+            shaders = _candidates(field, tests, bundle, False, shaders, ends)
+            most = int((np.diff(begins) + np.diff(ends)).max()) + 1  # with an image of the tower
+            if most > room:
+                room = 2 * most
+                lines, frames = rows(IMAGES // ROW + 10 * room), rows((_KEPT + room + 2) * 7)
+                # each image may add 5 corners to a piece
+                polygons, pieces = rows(room), np.empty((room + 1) * 6 * (4 + CORNERS * (room + 2)) + 64)
+                marks = np.empty((room + 4, room), np.int64)
+        here = np.arange(begin, end + (begin - end) % GROUP).clip(max=end - 1)  # the last instant fills its group
+        lines[: 3 * ROW].reshape(3, ROW)[:, : len(here)] = sun[here].T
+        lines[WEIGHT : WEIGHT + len(here)] = weight[here]
+        _sweep_packet(
+            bundles[1][p], len(here), field.mirrors.spheres, field.mirrors.mounts, field.tower, tracking, tests,
+            rank, shaders, ends, blockers, begins, lines, frames, place, marks, polygons, pieces,
+            lane[begin:end], when[begin:end], flat, width,
+        )  # fmt: skip
+    return sums
 
 
-@kernel
-def _candidates(tests, bundle, blocking, mirrors, cells, names, begins):
+def _candidates(
+    field: SortedField, tests: Integers, bundle: Beam, blocking: bool, names: Integers, begins: Integers
+) -> Integers:
     """List the heliostats that may shade each test heliostat for a bundle of sun directions, or that may block it.
 
     Returns the list in `names`, or in a longer array if `names` is too short. The part of the list for test heliostat t
     begins at ``begins[t]``.
     """
-    t, limit = 0, np.inf
-    while t < tests.shape[0]:
-        if begins[t] + mirrors.throw.shape[0] > names.shape[0]:
-            names, t = np.empty(2 * names.shape[0], np.int64), 0
-        if blocking:
-            bundle, limit = beam(mirrors.aim, tests[t : t + 1]), mirrors.throw[tests[t]]
-        begins[t + 1] = begins[t] + search(tests[t], bundle, limit, mirrors, cells, names[begins[t] :])
-        t += 1
+    while not _list_candidates(*field.mirrors, field.cells, tests, bundle, blocking, names, begins):
+        names = np.empty(2 * len(names), np.int64)
     return names
 
 
-@inner
-def _sweep_packet(
-    t, tests, bundle, mirrors, tower, tracking, found, shaders, ends, blockers, begins, lines, images, room, order,
-    start, stop, turn, names, series, period, sums,
-):  # fmt: skip
-    """Compute a packet for the test heliostats from index t on.
-
-    The function stops at a heliostat that needs larger scratch arrays, and returns its index and number of images.
-    After the last heliostat, it returns the number of test heliostats and 0.
-    """
-    lanes, used = -(-(stop - start) // GROUP) * GROUP, np.int64(0)
-    for m in range(lines.place.shape[0]):
-        lines.place[m] = -1
-    while t < tests.shape[0]:
+@kernel
+def _list_candidates(spheres, mounts, cells, tests, bundle, blocking, names, begins):
+    """Write the candidates of `_candidates`; return False if `names` is too short."""
+    limit = np.inf
+    for t in range(tests.shape[0]):
         i = tests[t]
-        count = np.int64(0)
-        for m in range(ends[t], ends[t + 1]):
-            found[count] = shaders[m]
-            count += occludes(i, shaders[m], bundle, np.inf, mirrors)
-        most = count + begins[t + 1] - begins[t] + 1
-        if most > images.present.shape[0]:  # the scratch arrays are too small
-            return t, most
+        if begins[t] + spheres.shape[0] > names.shape[0]:
+            return False
+        if blocking:
+            bundle, limit = cone(mounts[i, 2], mounts[i, 3], mounts[i, 4], 0.0), mounts[i, 5]
+        begins[t + 1] = search(i, bundle, limit, spheres, cells, names, begins[t])
+    return True
+
+
+@kernel
+def _sweep_packet(
+    bundle, lanes, spheres, mounts, tower, tracking, tests, rank, shaders, ends, blockers, begins, lines, frames,
+    place, marks, polygons, pieces, lane, when, sums, width,
+):  # fmt: skip
+    """Add the weighted efficiencies of the test heliostats at the instants of a packet to `sums`.
+
+    Parameters
+    ----------
+    bundle, lanes
+        Sun directions of the packet, and number of lanes.
+    spheres, mounts, tower, tracking
+        Values of `Mirrors` and `SortedField`, and code of the tracking method.
+    tests, rank : ndarray, shape (n,)
+        Indices of the test heliostats in the sorted field, and of their first values in `sums`.
+    shaders, ends, blockers, begins
+        Candidates of several packets, from `_candidates`.
+    lines, marks, polygons, pieces
+        Scratch arrays, see `unions`. `lines` contains the sun directions and the weights.
+    frames : ndarray
+        Frames of mirrors, see `packets.write_frame`. [m]
+    place : ndarray, shape (N,)
+        Offset of the frame of each heliostat in `frames`, -1 if the frame has not been computed.
+    lane, when : ndarray
+        Lanes of the instants, and indices of their periods in the sums of a heliostat, in the order of the sum.
+    sums : ndarray
+        Weighted sums of the first `width` (4 or 7) quantities that `field_energies` returns.
+    """
+    used = _KEPT * ROW
+    for t in range(tests.shape[0]):
+        i = tests[t]
         if used > _KEPT * (ROW // lanes):
-            for m in range(lines.place.shape[0]):
-                lines.place[m] = -1
-            used = np.int64(0)
+            for j in range(place.shape[0]):
+                place[j] = -1
+            used = 0
         for k in range(lanes):
-            store(lines.to_target, 0, k, (mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]))
-        used = _have_frame(i, mirrors, tracking, lines, used, lanes)
-        shading = _shade_by_tower(i, mirrors, tower, lines, images, room, lanes)
-        some = found[:count]
-        shading, used = _make_images(i, some, mirrors, tracking, lines, lines.to_sun, images, shading, used, lanes)
-        some = blockers[begins[t] : begins[t + 1]]
-        made, used = _make_images(i, some, mirrors, tracking, lines, lines.to_target, images, shading, used, lanes)
-        unions(images, shading, made, lines.total, room, lanes)
-        row = lines.place[i] + COSINE  # read here, because the loop is vectorised only without this load
+            store(lines, TO_TARGET, k, (mounts[i, 2], mounts[i, 3], mounts[i, 4]))
+        used = _have_frame(i, mounts, tracking, lines, frames, place, used, lanes)
+        made = _shade_by_tower(i, spheres, tower, lines, frames, place, marks, polygons, pieces, lanes)
+        write_axes(lines, frames, place[i], 0, lanes)
+        for m in range(ends[t], ends[t + 1]):
+            j = shaders[m]
+            if occludes(i, j, bundle, np.inf, spheres):
+                used = _have_frame(j, mounts, tracking, lines, frames, place, used, lanes)
+                made += project(lines, marks, made, frames, place[j], place[i], 0, spheres, i, j, lanes)
+        shading = made
+        write_axes(lines, frames, place[i], TO_TARGET, lanes)
+        for m in range(begins[t], begins[t + 1]):
+            j = blockers[m]
+            used = _have_frame(j, mounts, tracking, lines, frames, place, used, lanes)
+            made += project(lines, marks, made, frames, place[j], place[i], TO_TARGET, spheres, i, j, lanes)
+        unions(lines, marks, polygons, pieces, shading, made, lanes)
+        row = place[i] + COSINE  # read here, because the loop is vectorised only without this load
         for k in range(lanes):
-            cosine, shading_efficiency = get(lines.frames, row, k), _left(get(lines.total, 0, k))
-            blocking_efficiency, one = _left(get(lines.total, ROW, k)), get(lines.weight, 0, k)
-            put(lines.result, 0, k, one * cosine)
-            put(lines.result, ROW, k, one * shading_efficiency)
-            put(lines.result, 2 * ROW, k, one * blocking_efficiency)
-            put(lines.result, 3 * ROW, k, one * (cosine * _left(get(lines.total, 2 * ROW, k))))
-            put(lines.result, 4 * ROW, k, one * (cosine * shading_efficiency))
-            put(lines.result, 5 * ROW, k, one * (cosine * shading_efficiency * blocking_efficiency))
-            put(lines.result, 6 * ROW, k, one * (cosine * get(lines.result, 6 * ROW, k)))
-        for c in range(4 if series.shape[2] > 0 else 0):
-            for k in range(stop - start):
-                series[c, order[start + k], names[t]] = lines.result[c * ROW + k]
-        if sums.shape[1] > 0:
-            _add_to_sums(lines.result, order, start, stop, turn, period, sums[names[t]])
-        t += 1
-    return t, 0
+            cosine, shading_efficiency = get(frames, row, k), _left(get(lines, TOTAL, k))
+            blocking_efficiency, one = _left(get(lines, TOTAL + ROW, k)), get(lines, WEIGHT, k)
+            put(lines, RESULT, k, one * cosine)
+            put(lines, RESULT + ROW, k, one * shading_efficiency)
+            put(lines, RESULT + 2 * ROW, k, one * blocking_efficiency)
+            put(lines, RESULT + 3 * ROW, k, one * (cosine * _left(get(lines, TOTAL + 2 * ROW, k))))
+            put(lines, RESULT + 4 * ROW, k, one * (cosine * shading_efficiency))
+            put(lines, RESULT + 5 * ROW, k, one * (cosine * shading_efficiency * blocking_efficiency))
+            put(lines, RESULT + 6 * ROW, k, one * (cosine * get(lines, RESULT + 6 * ROW, k)))
+        _add_to_sums(lines, lane, when, sums, rank[t], width)
 
 
 @inline
@@ -423,72 +372,60 @@ def _frame(count, lanes):
 
 
 @inner
-def _shade_by_tower(i, mirrors, tower, lines, images, room, lanes):
+def _shade_by_tower(i, spheres, tower, lines, frames, place, marks, polygons, pieces, lanes):
     """Write the fraction of heliostat i that the tower does not shade; return the number of tower images (0 or 1)."""
     made = np.int64(0)
     if tower[0] > 0.0:
-        base = -mirrors.centre[i, 0], -mirrors.centre[i, 1], -mirrors.centre[i, 2]
-        write_axes(lines.views, lines.frames, lines.place[i], lines.to_sun, lanes)
-        made += project_tower(
-            images, 0, lines.views, lines.frames, lines.place[i], lines.to_sun, base, mirrors.radius[i], tower, lanes
-        )
-        unions(images, made, made, lines.total, room, lanes)
+        base = -spheres[i, 0], -spheres[i, 1], -spheres[i, 2]
+        write_axes(lines, frames, place[i], 0, lanes)
+        made += project_tower(lines, marks, frames, place[i], base, spheres[i, 3], tower, lanes)
+        unions(lines, marks, polygons, pieces, made, made, lanes)
     for k in range(lanes):
-        put(lines.result, 6 * ROW, k, _left(get(lines.total, 0, k)) if tower[0] > 0.0 else 1.0)
+        put(lines, RESULT + 6 * ROW, k, _left(get(lines, TOTAL, k)) if tower[0] > 0.0 else 1.0)
     return made
 
 
 @inner
-def _have_frame(j, mirrors, tracking, lines, used, lanes):
+def _have_frame(j, mounts, tracking, lines, frames, place, used, lanes):
     """Compute the frame of heliostat j if it is missing; return the number of computed frames."""
-    if lines.place[j] >= 0:
+    if place[j] >= 0:
         return used
-    lines.place[j] = _frame(used, lanes)
-    write_frame(lines.frames, lines.place[j], lines.to_sun, mirrors, j, tracking, lanes)
+    place[j] = _frame(used, lanes)
+    write_frame(frames, place[j], lines, mounts, j, tracking, lanes)
     return used + 1
-
-
-@inner
-def _make_images(i, candidates, mirrors, tracking, lines, directions, images, made, used, lanes):
-    """Project candidates onto heliostat i, from image `made` on; return the numbers of images and frames."""
-    if candidates.shape[0] > 0:
-        write_axes(lines.views, lines.frames, lines.place[i], directions, lanes)
-    for m in range(candidates.shape[0]):
-        j = candidates[m]
-        way, reach = offset(mirrors, i, j), mirrors.radius[i] + mirrors.radius[j]
-        apart = dot(way, way) > reach * reach * (1.0 + 1e-12)
-        used = _have_frame(j, mirrors, tracking, lines, used, lanes)
-        frame, test = lines.place[j], lines.place[i]
-        made += project(images, made, lines.views, lines.frames, frame, test, directions, way, apart, lanes)
-    return made, used
 
 
 @inline
 def _left(covered):
     """Return the fraction of the mirror outside a union, clamped to the range 0 to 1 because of rounding."""
-    return min(1.0, max(0.0, 1.0 - covered / SQUARE))
+    return smaller(larger(1.0 - covered / SQUARE, 0.0), 1.0)
 
 
 @inner
-def _add_to_sums(result, order, start, stop, turn, period, sums):
-    """Add the results of one heliostat in one packet to the heliostat's sums over each period."""
-    n = start
-    while n < stop:
-        when = period[order[turn[n]]]
-        a, b, c, d, e, f, g = (sums[when, 0], sums[when, 1], sums[when, 2], sums[when, 3], sums[when, 4], sums[when, 5],
-                               sums[when, 6])  # fmt: skip
-        while n < stop and period[order[turn[n]]] == when:
-            k = turn[n] - start
-            a, b, c, d = (
-                a + get(result, 0, k),
-                b + get(result, ROW, k),
-                c + get(result, 2 * ROW, k),
-                d + get(result, 3 * ROW, k),
-            )
-            e, f, g = e + get(result, 4 * ROW, k), f + get(result, 5 * ROW, k), g + get(result, 6 * ROW, k)
+def _add_to_sums(lines, lane, when, sums, row, width):
+    """Add the results of one heliostat in one packet to the heliostat's sums over each period, from index `row` on."""
+    n = 0
+    while n < lane.shape[0]:
+        period, e, f, g = when[n], 0.0, 0.0, 0.0
+        o = row + period
+        a, b, c, d = get(sums, o, 0), get(sums, o, 1), get(sums, o, 2), get(sums, o, 3)
+        if width > 4:
+            e, f, g = get(sums, o, 4), get(sums, o, 5), get(sums, o, 6)
+        while n < lane.shape[0] and when[n] == period:
+            k = lane[n]
+            a, b = a + get(lines, RESULT, k), b + get(lines, RESULT + ROW, k)
+            c, d = c + get(lines, RESULT + 2 * ROW, k), d + get(lines, RESULT + 3 * ROW, k)
+            e, f = e + get(lines, RESULT + 4 * ROW, k), f + get(lines, RESULT + 5 * ROW, k)
+            g += get(lines, RESULT + 6 * ROW, k)
             n += 1
-        sums[when, 0], sums[when, 1], sums[when, 2], sums[when, 3] = a, b, c, d
-        sums[when, 4], sums[when, 5], sums[when, 6] = e, f, g
+        put(sums, o, 0, a)
+        put(sums, o, 1, b)
+        put(sums, o, 2, c)
+        put(sums, o, 3, d)
+        if width > 4:
+            put(sums, o, 4, e)
+            put(sums, o, 5, f)
+            put(sums, o, 6, g)
 
 
 #: Maximum number of corners of an outline: 4, plus 1 from the plane of the mirror and 1 from each of its 4 edges.
@@ -497,45 +434,26 @@ OUTLINE_CORNERS = 9
 
 @kernel
 def _outlines(
-    mirrors: Mirrors,
-    cells: Cells,
-    tracking: int,
-    sun: Floats,
-    tests: Integers,
-    places: Integers,
-    names: Integers,
-    corners: Floats,
-    whole: Floats,
-) -> None:
-    """Write the corners of each image to `corners`, and its area and heliostat to `whole`.
+    spheres, mounts, tracking, direction, tests, places, names, candidates, begins, lines, frames, marks, square,
+    pieces, corners, whole,
+):  # fmt: skip
+    """Write the corners of each shadow or each blocked part to `corners`, and its area and heliostat to `whole`.
 
-    The last row of `whole` contains the number of images. `corners` has the shape of `Outlines.corners`, `sun` has
-    shape (1, 3), and `whole` has shape (tests, 2, images + 1, 2).
+    The last row of `whole` contains the number of images. `direction` is 0 (to the sun) or `TO_TARGET`.
     """
-    to_sun = rows(3)
-    frames, views, to_target, images, only = rows(14), rows(6), rows(3), images_of(1), np.zeros(1, np.int64)
-    square, pieces, found = np.empty(8), np.empty(6 * (OUTLINE_CORNERS + 4)), np.empty(names.shape[0] + 1, np.int64)
     write_square(square, 0)
-    for c in range(3):
-        to_sun[c * ROW] = sun[0, c]
     for t in range(tests.shape[0]):
         i = tests[t]
-        write_frame(frames, 0, to_sun, mirrors, i, tracking, 1)
-        for c in range(3):
-            to_target[c * ROW] = mirrors.aim[i, c]
-        for e in range(2):
-            direction, limit = (to_sun, np.inf) if e == 0 else (to_target, mirrors.throw[i])
-            bundle = beam(sun, only) if e == 0 else beam(mirrors.aim, tests[t : t + 1])
-            write_axes(views, frames, 0, direction, 1)
-            for m in range(search(i, bundle, limit, mirrors, cells, found)):
-                j = found[m]
-                way, reach = offset(mirrors, i, j), mirrors.radius[i] + mirrors.radius[j]
-                apart = dot(way, way) > reach * reach * (1.0 + 1e-12)
-                write_frame(frames, FRAME, to_sun, mirrors, j, tracking, 1)
-                if project(images, 0, views, frames, FRAME, 0, direction, way, apart, 1):
-                    piece, count = within(pieces, 0, outline(images, 0, 0, pieces, 0), square, 0, 4)
-                    half = mirrors.half[i, 0], mirrors.half[i, 1]
-                    _insert(pieces, piece, count, names[j], half, corners[places[t], e], whole[places[t], e])
+        write_frame(frames, 0, lines, mounts, i, tracking, 1)
+        store(lines, TO_TARGET, 0, (mounts[i, 2], mounts[i, 3], mounts[i, 4]))
+        write_axes(lines, frames, 0, direction, 1)
+        for m in range(begins[t], begins[t + 1]):
+            j = candidates[m]
+            write_frame(frames, FRAME, lines, mounts, j, tracking, 1)
+            if project(lines, marks, 0, frames, FRAME, 0, direction, spheres, i, j, 1):
+                piece, count = within(pieces, 0, outline(lines, marks, 0, 0, pieces, 0), square, 0, 4)
+                half = mounts[i, 0], mounts[i, 1]
+                _insert(pieces, piece, count, names[j], half, corners[places[t]], whole[places[t]])
 
 
 @kernel
@@ -595,22 +513,21 @@ def mirror_outlines(
     images : int
         Maximum number of shadows, and of blocked parts, on each mirror. Images with the smallest areas are omitted.
     """
-    (mirrors, cells, names), count = by_cells(aimed(x, y, z, half_width, half_height, target_height)), stop - start
-    corners, whole = np.full((count, 2, images, OUTLINE_CORNERS, 2), np.nan), np.full((count, 2, images + 1, 2), np.nan)
+    field, count = sorted_field(x, y, z, half_width, half_height, target_height), stop - start
+    corners, whole = np.full((2, count, images, OUTLINE_CORNERS, 2), np.nan), np.full((2, count, images + 1, 2), np.nan)
     if count and sun[2] > 0:
         whole[:, :, -1] = 0.0
-        tests = np.flatnonzero((names >= start) & (names < stop))
-        _outlines(
-            mirrors,
-            cells,
-            tracking,
-            np.array(sun, np.float64, ndmin=2),
-            tests,
-            names[tests] - start,
-            names,
-            corners,
-            whole,
-        )
+        tests, lines = np.flatnonzero((field.names >= start) & (field.names < stop)), rows(IMAGES // ROW + 10)
+        lines[: 3 * ROW : ROW] = sun
+        (bundle,), begins = beams(np.array(sun, ndmin=2), np.arange(2)), np.zeros(len(tests) + 1, np.int64)
+        for blocking in (False, True):
+            candidates = _candidates(field, tests, bundle, blocking, np.empty(2 * len(field.names), np.int64), begins)
+            _outlines(
+                *field.mirrors, tracking, TO_TARGET if blocking else 0, tests, field.names[tests] - start, field.names,
+                candidates, begins, lines, rows(14), np.empty((5, 1), np.int64), np.empty(8),
+                np.empty(6 * (OUTLINE_CORNERS + 4)), corners[int(blocking)], whole[int(blocking)],
+            )  # fmt: skip
+    corners, whole = corners.swapaxes(0, 1), whole.swapaxes(0, 1)
     return Outlines(corners, whole[:, :, :-1, 0], whole[:, :, :-1, 1], whole[:, :, -1, 0])
 
 

@@ -26,7 +26,21 @@ import numpy as np
 from heliosweep.kernels.compiled import Floats, Integers, inline, inner
 from heliosweep.kernels.mounts import AZIMUTH_ELEVATION as AZIMUTH_ELEVATION
 from heliosweep.kernels.mounts import TARGET_ALIGNED
-from heliosweep.kernels.vectors import GROUP, PACKET, ROW, Vector, cross, dot, load, mixed, put, scaled, store
+from heliosweep.kernels.vectors import (
+    GROUP,
+    PACKET,
+    ROW,
+    Vector,
+    cross,
+    dot,
+    larger,
+    load,
+    mixed,
+    put,
+    scaled,
+    smaller,
+    store,
+)
 
 #: Limit on the number of lanes times the width of a packet, divided by the sine of the packet's minimum elevation.
 #: Smaller packets repeat the search too often, and wider packets have too many candidates.
@@ -56,15 +70,16 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
     first : ndarray, shape (P + 1,)
         Start of each packet in `order`, and end of the last packet. No packet is empty.
     """
-    packets, waiting = [], [np.arange(len(sun))] if len(sun) else []
+    packets, waiting, columns = [], [np.arange(len(sun))] if len(sun) else [], np.ascontiguousarray(sun.T)
     while waiting:
         some = waiting.pop()
-        here, count = sun[some], len(some)
-        spread = np.ptp(here, axis=0)
-        if count == 1 or (count <= PACKET and count * spread.max() <= _LIMIT * here[:, 2].min()):
+        here, count = columns[:, some], len(some)
+        low = here.min(axis=1)
+        spread = here.max(axis=1) - low
+        if count == 1 or (count <= PACKET and count * spread.max() <= _LIMIT * low[2]):
             packets.append(some)
             continue
-        rising = some[np.argsort(here[:, spread.argmax()], kind="stable")]
+        rising = some[np.argsort(here[spread.argmax()], kind="stable")]
         unit = PACKET if count > PACKET else 1  # divide at a multiple of the packet size
         middle = (-(-count // unit) + 1) // 2 * unit
         waiting += [rising[middle:], rising[:middle]]
@@ -73,20 +88,22 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
     order = np.concatenate([np.empty(0, np.int64), *packets])
     for size in np.unique(sizes):  # all packets of one size together
         places = first[:-1][sizes == size][:, np.newaxis] + np.arange(size)
-        order[places] = _groups(sun, order[places])
+        order[places] = _groups(columns, order[places])
     return order, first
 
 
-def _groups(sun: Floats, packets: Integers) -> Integers:
-    """Sort the instants of packets of equal size, shape (P, size), into groups of similar instants."""
+def _groups(columns: Floats, packets: Integers) -> Integers:
+    """Sort the instants of packets of equal size, shape (P, size), into groups of similar instants.
+
+    `columns` are the components of the sun vectors, shape (3, T).
+    """
     size = packets.shape[1]
     if size <= GROUP:
         return np.sort(packets, axis=1)
-    here, middle = sun[packets], (-(-size // GROUP) + 1) // 2 * GROUP
-    widest = np.ptp(here, axis=1).argmax(axis=1)[:, np.newaxis, np.newaxis]
-    key = np.take_along_axis(here, widest, axis=2)[:, :, 0]
+    here, middle = columns[:, packets], (-(-size // GROUP) + 1) // 2 * GROUP
+    key = here[np.ptp(here, axis=2).argmax(axis=0), np.arange(len(packets))]
     rising = np.take_along_axis(packets, np.argsort(key, axis=1, kind="stable"), axis=1)
-    return np.concatenate((_groups(sun, rising[:, :middle]), _groups(sun, rising[:, middle:])), axis=1)
+    return np.concatenate((_groups(columns, rising[:, :middle]), _groups(columns, rising[:, middle:])), axis=1)
 
 
 #: Code of target-aligned mounts, whose first axis is along r.
@@ -103,20 +120,20 @@ _PARALLEL = 1e-30
 class Mirrors(NamedTuple):
     """The heliostats of a field."""
 
-    #: Centres: east, north, up, shape (N, 3). [m]
-    centre: Floats
-    #: Half the width (along u) and half the height (along v), shape (N, 2). [m]
-    half: Floats
-    #: Radius of the bounding sphere, shape (N,). [m]
-    radius: Floats
-    #: Unit vectors r from the centres to the target, shape (N, 3). [1]
-    aim: Floats
-    #: Distances to the target, shape (N,). [m]
-    throw: Floats
+    #: Centres (east, north, up) and radii of the bounding spheres, shape (N, 4). [m]
+    spheres: Floats
+    #: Half the width (along u) and half the height (along v) [m], unit vector r from the centre to the target [1], and
+    #: distance to the target [m], shape (N, 6).
+    mounts: Floats
+
+    @property
+    def aim(self) -> Floats:
+        """Unit vectors r from the centres to the target, shape (N, 3). [1]"""
+        return self.mounts[:, 2:5]
 
 
 @inner
-def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, tracking: int, lanes: int) -> None:
+def write_frame(frames: Floats, f: int, sun: Floats, mounts: Floats, i: int, tracking: int, lanes: int) -> None:
     """Write the frame of mirror i for all lanes of a packet to `frames`, from offset `f` on. [m]
 
     The axis u is undefined if s is parallel to r (spinning-elevation), or if the normal is vertical
@@ -124,11 +141,11 @@ def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, t
     vertical. For azimuth-elevation, an undefined u is set to east. If the sun is exactly opposite to r, there is no
     normal, and the half sides and the cosine are set to 0.
 
-    `sun` contains the rows x, y, z of unit vectors to the sun [1]. `tracking` is `SPINNING_ELEVATION` or
-    `AZIMUTH_ELEVATION`.
+    `sun` contains the rows x, y, z of unit vectors to the sun [1], and `mounts` the values of `Mirrors`. `tracking` is
+    `SPINNING_ELEVATION` or `AZIMUTH_ELEVATION`.
     """
-    r = mirrors.aim[i, 0], mirrors.aim[i, 1], mirrors.aim[i, 2]
-    half_width, half_height = mirrors.half[i, 0], mirrors.half[i, 1]
+    half_width, half_height = mounts[i, 0], mounts[i, 1]
+    r = mounts[i, 2], mounts[i, 3], mounts[i, 4]
     # Value for lanes whose u is undefined, so that the loop needs no branch.
     level = np.sqrt(r[0] * r[0] + r[1] * r[1])
     east, north = 1.0, 0.0
@@ -143,7 +160,7 @@ def write_frame(frames: Floats, f: int, sun: Floats, mirrors: Mirrors, i: int, t
         u = east if undefined else u[0], north if undefined else u[1], 0.0 if undefined else u[2]
         length, width = np.sqrt(dot(n, n)), np.sqrt(1.0 if undefined else across)
         inverse = 1.0 / (length * width) if length > 0.0 else 0.0
-        put(frames, f + COSINE, k, min(1.0, 0.5 * length))
+        put(frames, f + COSINE, k, smaller(0.5 * length, 1.0))
         store(frames, f, k, scaled(half_width * (inverse * length), u))
         store(frames, f + 3 * ROW, k, scaled(half_height * inverse, cross(n, u)))
 
@@ -184,61 +201,64 @@ class Beam(NamedTuple):
     narrow: bool
 
 
-def by_cells(mirrors: Mirrors) -> tuple[Mirrors, Cells, Integers]:
+def by_cells(spheres: Floats) -> tuple[Cells, Integers]:
     """Sort mirrors by grid cell, so that neighbouring mirrors are close in memory.
 
-    Returns the sorted mirrors, the cells, and the original index of each sorted mirror.
+    Returns the cells, and the original index of each sorted mirror. `spheres` is described in `Mirrors`.
     """
-    low, spread = mirrors.centre.min(axis=0), np.ptp(mirrors.centre, axis=0)
-    count, largest = len(mirrors.radius), mirrors.radius.max()
+    low, spread, count = spheres.min(axis=0), np.ptp(spheres, axis=0), len(spheres)
+    largest = spheres[:, 3].max()
     # Cells have the size of one bounding diameter, or more if the field is sparse.
     cell = max(2.0 * largest, np.sqrt(spread[0] * spread[1] / (2 * count)), spread[:2].max() / (2 * count), 1e-9)
     columns, rows = (spread[:2] / cell).astype(np.int64) + 1
-    column, row = ((mirrors.centre[:, :2] - low[:2]) / cell).astype(np.int64).T
+    column, row = ((spheres[:, :2] - low[:2]) / cell).astype(np.int64).T
     home = row * columns + column
     names = np.argsort(home, kind="stable")
     first = np.searchsorted(home[names], np.arange(columns * rows + 1))
     west, south, rise = float(low[0]), float(low[1]), float(spread[2])
-    cells = Cells(first, west, south, float(cell), int(columns), int(rows), rise, float(largest))
-    return Mirrors(*(np.ascontiguousarray(each[names]) for each in mirrors)), cells, names
+    return Cells(first, west, south, float(cell), int(columns), int(rows), rise, float(largest)), names
 
 
-@inner
-def beam(directions: Floats, some: Integers) -> Beam:
-    """Return the bundle that contains the rows `some` of an array of unit vectors, shape (N, 3)."""
-    x = y = z = 0.0
-    for m in some:
-        d = directions[m, 0], directions[m, 1], directions[m, 2]
-        x, y, z = x + d[0], y + d[1], z + d[2]
-    length, level = max(np.sqrt(x * x + y * y + z * z), 1e-300), max(np.sqrt(x * x + y * y), 1e-300)
-    axis, gx, gy = (x / length, y / length, z / length), x / level, y / level
-    cosine = plan = low = 1.0
-    for m in some:
-        d = directions[m, 0], directions[m, 1], directions[m, 2]
-        cosine, low = min(cosine, dot(axis, d)), min(low, abs(d[2]))
-        level = np.sqrt(d[0] * d[0] + d[1] * d[1])
-        plan = min(plan, (gx * d[0] + gy * d[1]) / level) if level > 1e-12 else -1.0
+def beams(directions: Floats, first: Integers) -> list[Beam]:
+    """Return the bundle of each packet of unit vectors, shape (T, 3); `first` as in `packet_order`."""
+    columns, starts, each = (
+        np.ascontiguousarray(directions.T),
+        first[:-1],
+        np.repeat(np.arange(len(first) - 1), np.diff(first)),
+    )
+    x, y, z = np.add.reduceat(columns, starts, axis=1)
+    length, level = np.maximum(np.sqrt(x * x + y * y + z * z), 1e-300), np.maximum(np.hypot(x, y), 1e-300)
+    axis, gx, gy = np.stack((x, y, z)) / length, x / level, y / level
+    across = np.sqrt(columns[0] ** 2 + columns[1] ** 2)
+    plan = (gx[each] * columns[0] + gy[each] * columns[1]) / np.maximum(across, 1e-12)
+    plan[across <= 1e-12] = -1.0
+    least = np.stack(((axis[:, each] * columns).sum(axis=0), plan, abs(columns[2])))
+    cosine, plan, low = np.minimum.reduceat(least, starts, axis=1)
     # Cosines are reduced by a tolerance before the sines are computed, so that no angle is too small.
-    cosine, plan = cosine - 1e-14, plan - 1e-14
-    sine, swing = np.sqrt(max(0.0, 1.0 - cosine * cosine)), np.sqrt(max(0.0, 1.0 - plan * plan))
+    cosine, plan = np.minimum(cosine, 1.0) - 1e-14, np.minimum(plan, 1.0) - 1e-14
+    sine, swing = np.sqrt(np.maximum(0.0, 1.0 - cosine**2)), np.sqrt(np.maximum(0.0, 1.0 - plan**2))
     left, right = (plan * gx - swing * gy, plan * gy + swing * gx), (plan * gx + swing * gy, plan * gy - swing * gx)
-    return Beam(axis, cosine, sine, low, left, right, plan > 0.0)
+    parts = (axis.T, cosine, sine, low, np.transpose(left), np.transpose(right), plan > 0.0)
+    rows = zip(*(part.tolist() for part in parts), strict=True)
+    return [Beam(tuple(d), c, s, e, tuple(west), tuple(east), flag) for d, c, s, e, west, east, flag in rows]
 
 
 @inner
 def cone(x: float, y: float, z: float, spread: float) -> Beam:
     """Return the bundle of directions whose angle to a unit vector has a tangent of at most `spread`."""
-    cosine, level = 1.0 / math.sqrt(1.0 + spread * spread) - 1e-14, max(math.sqrt(x * x + y * y), 1e-300)
-    sine, gx, gy = math.sqrt(max(0.0, 1.0 - cosine * cosine)), x / level, y / level
-    swing = min(sine / level, 1.0) + 1e-14
-    plan, low = math.sqrt(max(0.0, 1.0 - swing * swing)), max(0.0, abs(z) * cosine - level * sine)
+    cosine, level = 1.0 / math.sqrt(1.0 + spread * spread) - 1e-14, larger(math.sqrt(x * x + y * y), 1e-300)
+    sine, gx, gy = math.sqrt(larger(0.0, 1.0 - cosine * cosine)), x / level, y / level
+    swing = smaller(sine / level, 1.0) + 1e-14
+    plan, low = math.sqrt(larger(0.0, 1.0 - swing * swing)), larger(0.0, abs(z) * cosine - level * sine)
     left, right = (plan * gx - swing * gy, plan * gy + swing * gx), (plan * gx + swing * gy, plan * gy - swing * gx)
     return Beam((x, y, z), cosine, sine, low, left, right, plan > 0.0)
 
 
 @inner
-def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, found: Integers) -> int:
-    """List all heliostats that may occlude heliostat i along a direction of the bundle; return their number.
+def search(i: int, bundle: Beam, limit: float, spheres: Floats, cells: Cells, found: Integers, count: int) -> int:
+    """Add all heliostats that may occlude heliostat i along a direction of the bundle to a list of `count`.
+
+    Returns the new number of heliostats in the list.
 
     Let a be the elevation of d, h the component of D along the azimuth of d, and dz the vertical component of D. The
     line distance, below R, has the components h sin a - dz cos a and the lateral offset. The lateral offset is
@@ -251,14 +271,18 @@ def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, f
     R, or if the angle between D and the axis is below asin(R / |D|) + half-angle, by the triangle inequality on the
     sphere.
 
-    `limit` is the maximum of D.d, infinite for the sun [m]; `found` must have at least one element for each heliostat.
+    `limit` is the maximum of D.d, infinite for the sun [m]. `found` must have `count` elements, and one for each
+    heliostat.
     """
-    x, y, count = mirrors.centre[i, 0] - cells.west, mirrors.centre[i, 1] - cells.south, 0
-    wide = (mirrors.radius[i] + cells.radius) * _SLACK
-    level = math.sqrt(max(0.0, 1.0 - bundle.low * bundle.low))
-    reach = min((wide + cells.rise * level) / max(bundle.low, 1e-300), limit) * _SLACK + wide
+    x, y = spheres[i, 0] - cells.west, spheres[i, 1] - cells.south
+    wide = (spheres[i, 3] + cells.radius) * _SLACK
+    level = math.sqrt(larger(0.0, 1.0 - bundle.low * bundle.low))
+    reach = smaller((wide + cells.rise * level) / larger(bundle.low, 1e-300), limit) * _SLACK + wide
     bound = 1.4142135623730951 * wide
-    for row in range(int(max((y - reach) / cells.cell, 0.0)), int(min((y + reach) / cells.cell, cells.rows - 1.0)) + 1):
+    for row in range(
+        np.int64(larger((y - reach) / cells.cell, 0.0)),
+        np.int64(smaller((y + reach) / cells.cell, cells.rows - 1.0)) + 1,
+    ):
         near, far = -reach, reach
         if bundle.narrow:
             y0, y1 = (row - 1e-6) * cells.cell - y, (row + 1.0 + 1e-6) * cells.cell - y
@@ -267,27 +291,29 @@ def search(i: int, bundle: Beam, limit: float, mirrors: Mirrors, cells: Cells, f
             near, far = _beside(-bundle.axis[0], -bundle.axis[1], bound, y0, y1, near, far)
         west, east = (x + near) / cells.cell - 1e-6, (x + far) / cells.cell + 1e-6
         if near <= far and east >= 0.0 and west <= cells.columns:
-            start, last = int(min(max(west, 0.0), cells.columns - 1.0)), int(min(east, cells.columns - 1.0))
+            start, last = (
+                np.int64(smaller(larger(west, 0.0), cells.columns - 1.0)),
+                np.int64(smaller(east, cells.columns - 1.0)),
+            )
             for j in range(cells.first[row * cells.columns + start], cells.first[row * cells.columns + last + 1]):
                 found[count] = j
-                count += occludes(i, j, bundle, limit, mirrors)
+                count += occludes(i, j, bundle, limit, spheres)
     return count
 
 
 @inline
-def offset(mirrors: Mirrors, i: int, j: int) -> Vector:
+def offset(spheres: Floats, i: int, j: int) -> Vector:
     """Return the vector D from mirror i to mirror j. [m]"""
-    centre = mirrors.centre
-    return centre[j, 0] - centre[i, 0], centre[j, 1] - centre[i, 1], centre[j, 2] - centre[i, 2]
+    return spheres[j, 0] - spheres[i, 0], spheres[j, 1] - spheres[i, 1], spheres[j, 2] - spheres[i, 2]
 
 
 @inline
-def occludes(i: int, j: int, bundle: Beam, limit: float, mirrors: Mirrors) -> bool:
+def occludes(i: int, j: int, bundle: Beam, limit: float, spheres: Floats) -> bool:
     """Test whether heliostat j may occlude heliostat i along a direction of the bundle.
 
     The angle between D and the axis is tested by comparing squares, to avoid a square root.
     """
-    d, reach = offset(mirrors, i, j), (mirrors.radius[i] + mirrors.radius[j]) * _SLACK
+    d, reach = offset(spheres, i, j), (spheres[i, 3] + spheres[j, 3]) * _SLACK
     square, ahead = dot(d, d), dot(d, bundle.axis)
     near = (square <= reach * reach) | (bundle.cosine <= 0.0)
     side = ahead + reach * bundle.sine + 1e-9 * (abs(d[0]) + abs(d[1]) + abs(d[2]))
@@ -298,9 +324,9 @@ def occludes(i: int, j: int, bundle: Beam, limit: float, mirrors: Mirrors) -> bo
 @inline
 def _beside(mx, my, bound, y0, y1, near, far):
     """Narrow the interval of x to values with mx x + my y <= bound for any y between y0 and y1."""
-    room = bound - min(my * y0, my * y1)
+    room = bound - smaller(my * y0, my * y1)
     if mx > 0.0:
-        return near, min(far, room / mx)
+        return near, smaller(far, room / mx)
     if mx < 0.0:
-        return max(near, room / mx), far
+        return larger(near, room / mx), far
     return near, far if room >= 0.0 else -np.inf

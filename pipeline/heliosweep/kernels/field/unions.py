@@ -26,12 +26,26 @@ that is continuous in the corners.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from heliosweep.kernels.compiled import Floats, Integers, inline, inner, kernel
-from heliosweep.kernels.vectors import ROW, Vector, cross, dot, get, load, load2, next_run, put, rows, scaled, store
+from heliosweep.kernels.compiled import Floats, Integers, inline, inner
+from heliosweep.kernels.field.packets import offset
+from heliosweep.kernels.vectors import (
+    ROW,
+    Vector,
+    cross,
+    dot,
+    get,
+    larger,
+    load,
+    load2,
+    next_run,
+    put,
+    scaled,
+    smaller,
+    store,
+)
 
 #: Area of the square.
 SQUARE = 4.0
@@ -47,18 +61,6 @@ def slopes(x: float, y: float) -> tuple[float, float]:
     square = x * y
     inverse = 1.0 / square if abs(square) > 1e-200 else 0.0
     return y * y * inverse, x * x * inverse
-
-
-@inline
-def larger(a: float, b: float) -> float:
-    """Return the larger of two numbers, in a form that compiles to one vector instruction."""
-    return a if a > b else b
-
-
-@inline
-def smaller(a: float, b: float) -> float:
-    """Return the smaller of two numbers, in a form that compiles to one vector instruction."""
-    return a if a < b else b
 
 
 @inline
@@ -193,26 +195,25 @@ def within(pieces: Floats, piece: int, size: int, polygons: Floats, at: int, cor
 
 @inner
 def leave_open(
-    polygons: Floats, corners: Integers, k: int, middle: int, last: int, pieces: Floats, piece: int, size: int,
-    top: int, totals: Floats,
+    polygons: Floats, marks: Integers, k: int, middle: int, last: int, pieces: Floats, piece: int, size: int, top: int
 ) -> None:  # fmt: skip
-    """Add the areas of a convex piece outside polygons k..middle and outside polygons k..last to `totals`.
+    """Add the areas of a convex piece outside polygons k..middle and k..last to ``pieces[0]`` and ``pieces[1]``.
 
     The polygons are convex, and are subtracted one after the other, depth first over convex pieces. Each edge of a
     polygon splits off the part outside the edge, and the part inside all edges is discarded. Pieces never overlap, so
     no inclusion-exclusion is needed.
 
-    `polygons` has storage for `CORNERS` corners per polygon, and `corners` contains the actual number of corners of
-    each polygon. The piece of `size` corners begins at `piece` in `pieces`, and scratch space begins at `top`.
+    `polygons` has storage for `CORNERS` corners per polygon, and row `_SIZES` of `marks` contains the number of corners
+    of each polygon. The piece of `size` corners begins at `piece` in `pieces`, and scratch space begins at `top`.
     """
     crossed = -1
     while crossed < 0:  # skip polygons that do not overlap the piece
         if k == middle:
-            totals[0] += area(pieces, piece, size)
+            pieces[0] += area(pieces, piece, size)
         if k == last:
-            totals[1] += area(pieces, piece, size)
+            pieces[1] += area(pieces, piece, size)
             return
-        at, edges = 2 * CORNERS * k, corners[k]
+        at, edges = 2 * CORNERS * k, marks[_SIZES, k]
         crossed = crossing(polygons, at, edges, pieces, piece, size)
         k += 1
     room = 2 * (size + CORNERS)
@@ -224,98 +225,90 @@ def leave_open(
             size, outside = cut(pieces, piece, size, px, py, qx - px, qy - py, inside, top + 2 * room)
             piece = inside
             if outside > 2 and area(pieces, top + 2 * room, outside) > 1e-17:  # not a sliver
-                leave_open(polygons, corners, k, middle, last, pieces, top + 2 * room, outside, top + 3 * room, totals)
+                leave_open(polygons, marks, k, middle, last, pieces, top + 2 * room, outside, top + 3 * room)
         px, py = qx, qy
 
 
+#: Offsets in the array `lines`, which has rows of one element per lane for one test heliostat:
+#: unit vectors to the sun (rows 0 to 2) and to the target;
+#: projection axes U and V for one of these directions [1/m];
+#: shaded area, blocked area, and area that is shaded or blocked, on the square of area 4; common area of two images;
+#: weight, seven results, and images.
+TO_TARGET, VIEWS, TOTAL, _SHARED, WEIGHT, RESULT, IMAGES = (row * ROW for row in (3, 6, 12, 15, 16, 17, 24))
 #: Number of floats in an image.
 #: The rows are the centre (x, y), the half edges a and b (x, y each), and the area on the test mirror (0 if outside).
 #: Three more rows contain heights above the plane of the test mirror, for the centre and along a and b.
 IMAGE = 10 * ROW
-#: Offsets of the rows of areas and heights. Heights are valid only in lanes of `Images.behind`.
+#: Offsets of the rows of areas and heights. Heights are valid only in lanes of `BEHIND`.
 AREA, _HEIGHT = 6 * ROW, 7 * ROW
-
-
-class Images(NamedTuple):
-    """Images of other mirrors on one test mirror, shading images before blocking images."""
-
-    #: Rows of the images, `IMAGE` floats per image.
-    rows: Floats
-    #: Lanes in which each image covers part of the test mirror, one bit per lane.
-    present: Integers
-    #: Lanes in which part of the projected mirror lies behind the plane of the test mirror and is cut off.
-    behind: Integers
-
-
-@kernel
-def images_of(count: int) -> Images:
-    """Allocate storage for `count` images."""
-    return Images(rows(count * 10), np.empty(count, np.int64), np.empty(count, np.int64))
+#: Rows of the array `marks`, which has one column for each image. Lanes are stored with one bit per lane.
+#: `PRESENT`: Lanes in which the image covers part of the test mirror.
+#: `BEHIND`: Lanes in which part of the projected mirror lies behind the plane of the test mirror and is cut off.
+#: `_NAMES`, `_SIZES`: Indices of the images in one lane, and their numbers of corners.
+#: `_MET` and following rows: lanes in which each pair of images overlaps.
+PRESENT, BEHIND, _NAMES, _SIZES, _MET = range(5)
 
 
 @inner
-def write_axes(views: Floats, frames: Floats, f: int, directions: Floats, lanes: int) -> None:
+def write_axes(lines: Floats, frames: Floats, f: int, direction: int, lanes: int) -> None:
     """Write the projection axes U and V (x, y, z of each) of the test mirror whose frame is at `f` in `frames`. [1/m]
+
+    `direction` is 0 (to the sun) or `TO_TARGET`.
 
     U and V are 0 if the sides of the mirror are 0. The denominator of U and V is computed from the vectors, because the
     cosine would have large rounding errors at grazing incidence.
     """
     for k in range(lanes):
-        u, v, d = load(frames, f, k), load(frames, f + 3 * ROW, k), load(directions, 0, k)
+        u, v, d = load(frames, f, k), load(frames, f + 3 * ROW, k), load(lines, direction, k)
         across = cross(v, d)
         facing = dot(u, across)
         scale = 1.0 / facing if facing > 0.0 else 0.0
-        store(views, 0, k, scaled(scale, across))
-        store(views, 3 * ROW, k, scaled(scale, cross(d, u)))
+        store(lines, VIEWS, k, scaled(scale, across))
+        store(lines, VIEWS + 3 * ROW, k, scaled(scale, cross(d, u)))
 
 
 @inner
 def project(
-    images: Images,
-    m: int,
-    views: Floats,
-    frames: Floats,
-    f: int,
-    test: int,
-    directions: Floats,
-    way: Vector,
-    apart: bool,
-    lanes: int,
-) -> bool:
-    """Write the projection of a mirror as image m; return True if the image covers part of the test mirror.
+    lines: Floats, marks: Integers, m: int, frames: Floats, f: int, test: int, direction: int, spheres: Floats, i: int,
+    j: int, lanes: int,
+) -> bool:  # fmt: skip
+    """Write the projection of mirror j as image m; return True if the image covers part of the test mirror i.
 
     The overlap is tested with separating axes, which are the normals of the edges of the square and of the image.
 
-    `views` contains U and V of the test mirror, from `write_axes`, and `directions` the rows of d. The frame of the
-    mirror begins at `f` in `frames`, and the frame of the test mirror at `test` [m]. `way` is the vector from the
-    centre of the test mirror to the centre of the mirror [m]. `apart` is True if the bounding spheres are disjoint. A
-    mirror with a disjoint sphere is in front if and only if D.d > 0.
+    `lines` contains U and V of the test mirror, from `write_axes`, and the direction d at `direction`. The frame of the
+    mirror begins at `f` in `frames`, and the frame of the test mirror at `test` [m]. `spheres` are the bounding spheres
+    of all mirrors. A mirror with a disjoint sphere is in front if and only if D.d > 0.
     """
-    o, level, hits = m * IMAGE, np.int64(0), np.int64(0)
+    way, reach = offset(spheres, i, j), spheres[i, 3] + spheres[j, 3]
+    apart = dot(way, way) > reach * reach * (1.0 + 1e-12)
+    o, level, hits = IMAGES + m * IMAGE, np.int64(0), np.int64(0)
     for k in range(lanes):
-        v = load(views, 3 * ROW, k)
+        v = load(lines, VIEWS + 3 * ROW, k)
         c, a, b = dot(way, v), dot(load(frames, f, k), v), dot(load(frames, f + 3 * ROW, k), v)
-        put(images.rows, o + ROW, k, c)
-        put(images.rows, o + 3 * ROW, k, a)
-        put(images.rows, o + 5 * ROW, k, b)
+        put(lines, o + ROW, k, c)
+        put(lines, o + 3 * ROW, k, a)
+        put(lines, o + 5 * ROW, k, b)
         level |= np.int64(abs(c) - (abs(a) + abs(b)) < 1.0) << k
     start, stop = next_run(0, level, lanes)
     while start < stop:
-        hits |= _project_along_u(images.rows, o, views, frames, f, directions, way, apart, start, stop)
+        hits |= _project_along_u(lines, o, frames, f, direction, way, apart, start, stop)
         start, stop = next_run(stop, level, lanes)
-    images.present[m] = images.behind[m] = hits & level
-    if images.present[m] != 0:
-        images.present[m] = _measure(images.rows, o, images.present[m], lanes)
-        images.behind[m] = 0 if apart else _heights(images.rows, o, frames, f, test, way, images.present[m], lanes)
-    return images.present[m] != 0
+    hits &= level
+    marks[BEHIND, m] = 0
+    if hits != 0:
+        hits = _measure(lines, o, hits, lanes)
+        if not apart:
+            marks[BEHIND, m] = _heights(lines, o, frames, f, test, way, hits, lanes)
+    marks[PRESENT, m] = hits
+    return hits != 0
 
 
 @inner
 def project_tower(
-    images: Images, m: int, views: Floats, frames: Floats, test: int, directions: Floats, base: Vector, low: float,
-    tower: Floats, lanes: int,
-) -> bool:  # fmt: skip
-    """Write the projection of a tower as image m; return True if the image covers part of the test mirror.
+    lines: Floats, marks: Integers, frames: Floats, test: int, base: Vector, low: float, tower: Floats, lanes: int
+) -> bool:
+    """Write the projection of a tower as image 0; return True if the image covers part of the test mirror.
 
     The tower, an upright cylinder, is replaced by an upright rectangle of equal diameter that faces the sun, pi/4 radii
     in front of the axis. The shadow of this rectangle has a straight end, and its area equals the area of the
@@ -326,60 +319,60 @@ def project_tower(
     height of its top [m]. The other parameters are
     as in `project`.
     """
-    o, found, behind = m * IMAGE, np.int64(0), np.int64(0)
+    found, behind = np.int64(0), np.int64(0)
     half, front = 0.5 * (base[2] + tower[1] + low), 0.25 * math.pi * tower[0]
     for k in range(lanes):
-        d = load(directions, 0, k)
+        d = load(lines, 0, k)
         level = math.sqrt(d[0] * d[0] + d[1] * d[1])
         scale = 1.0 / level if level > 0.0 else 0.0  # no shadow if the sun is at the zenith
         east, north = scale * d[0], scale * d[1]
         c = base[0] - front * east, base[1] - front * north, half - low
         a, b = (tower[0] * north, -tower[0] * east, 0.0), (0.0, 0.0, half)
-        u, v = load(views, 0, k), load(views, 3 * ROW, k)
+        u, v = load(lines, VIEWS, k), load(lines, VIEWS + 3 * ROW, k)
         normal = cross(load(frames, test, k), load(frames, test + 3 * ROW, k))
         for row, edge in ((0, c), (2, a), (4, b)):
-            put(images.rows, o + row * ROW, k, dot(edge, u))
-            put(images.rows, o + (row + 1) * ROW, k, dot(edge, v))
+            put(lines, IMAGES + row * ROW, k, dot(edge, u))
+            put(lines, IMAGES + (row + 1) * ROW, k, dot(edge, v))
         height, rise = dot(c, normal), abs(dot(a, normal)) + abs(dot(b, normal))
-        store(images.rows, o + _HEIGHT, k, (height, dot(a, normal), dot(b, normal)))
+        store(lines, IMAGES + _HEIGHT, k, (height, dot(a, normal), dot(b, normal)))
         found |= np.int64((half > 0.0) & (scale > 0.0) & (height > -rise)) << k
         behind |= np.int64(height < rise) << k
-    images.present[m] = _measure(images.rows, o, found, lanes)
-    images.behind[m] = behind & images.present[m]
-    return images.present[m] != 0
+    found = _measure(lines, IMAGES, found, lanes)
+    marks[PRESENT, 0], marks[BEHIND, 0] = found, behind & found
+    return found != 0
 
 
 @inner
-def _project_along_u(images, o, views, frames, f, directions, way, apart, start, stop):
+def _project_along_u(lines, o, frames, f, direction, way, apart, start, stop):
     """Write the x coordinates of an image in a run of lanes; return the lanes in which it overlaps the square."""
     hits, nearest = np.int64(0), 0.0 if apart else -np.inf
     for k in range(start, stop):
-        u = load(views, 0, k)
+        u = load(lines, VIEWS, k)
         cx, ax, bx = dot(way, u), dot(load(frames, f, k), u), dot(load(frames, f + 3 * ROW, k), u)
-        cy, ay, by = get(images, o + ROW, k), get(images, o + 3 * ROW, k), get(images, o + 5 * ROW, k)
-        put(images, o, k, cx)
-        put(images, o + 2 * ROW, k, ax)
-        put(images, o + 4 * ROW, k, bx)
+        cy, ay, by = get(lines, o + ROW, k), get(lines, o + 3 * ROW, k), get(lines, o + 5 * ROW, k)
+        put(lines, o, k, cx)
+        put(lines, o + 2 * ROW, k, ax)
+        put(lines, o + 4 * ROW, k, bx)
         turn = abs(ax * by - ay * bx)
         gap = larger(abs(cx) - abs(ax) - abs(bx) - 1.0, abs(cx * ay - cy * ax) - turn - abs(ax) - abs(ay))
         gap = larger(gap, abs(cx * by - cy * bx) - turn - abs(bx) - abs(by))
-        hits |= np.int64((gap < 0.0) & (dot(way, load(directions, 0, k)) > nearest)) << k
+        hits |= np.int64((gap < 0.0) & (dot(way, load(lines, direction, k)) > nearest)) << k
     return hits
 
 
 @inner
-def _measure(images, o, some, lanes):
+def _measure(lines, o, some, lanes):
     """Write an image's area within the square in the lanes `some`, else 0; return the lanes with a positive area."""
     found = np.int64(0)
     for k in range(lanes):
-        put(images, o + AREA, k, 0.0)
+        put(lines, o + AREA, k, 0.0)
     start, stop = next_run(0, some, lanes)
     while start < stop:
         for k in range(start, stop):
             (cx, cy), (ax, ay), (bx, by) = (
-                load2(images, o, k),
-                load2(images, o + 2 * ROW, k),
-                load2(images, o + 4 * ROW, k),
+                load2(lines, o, k),
+                load2(lines, o + 2 * ROW, k),
+                load2(lines, o + 4 * ROW, k),
             )
             (a_rise, a_run), (b_rise, b_run) = slopes(ax, ay), slopes(bx, by)
             px = cx - ax - bx, cx + ax - bx, cx + ax + bx, cx - ax + bx
@@ -388,34 +381,35 @@ def _measure(images, o, some, lanes):
             rise, run = (a_rise, b_rise, a_rise, b_rise), (a_run, b_run, a_run, b_run)
             first, second, third, fourth = edge_terms(px, py, qx, qy, rise, run)
             area = abs((first + third) + (second + fourth)) if some >> k & 1 == 1 else 0.0
-            put(images, o + AREA, k, area)
+            put(lines, o + AREA, k, area)
             found |= np.int64(area > 0.0) << k
         start, stop = next_run(stop, some, lanes)
     return found
 
 
 @inner
-def _heights(images, o, frames, f, test, way, some, lanes):
+def _heights(lines, o, frames, f, test, way, some, lanes):
     """Write a near mirror's heights above the test plane; return the lanes in which this plane cuts the mirror."""
     behind = np.int64(0)
     for k in range(lanes):
         normal = cross(load(frames, test, k), load(frames, test + 3 * ROW, k))
         height = dot(way, normal), dot(load(frames, f, k), normal), dot(load(frames, f + 3 * ROW, k), normal)
-        store(images, o + _HEIGHT, k, height)
+        store(lines, o + _HEIGHT, k, height)
         behind |= np.int64(height[0] < abs(height[1]) + abs(height[2])) << k
     return behind & some
 
 
 @inner
-def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
+def outline(lines: Floats, marks: Integers, m: int, k: int, polygons: Floats, at: int) -> int:
     """Write the counter-clockwise corners of image m in lane k; return their number, at most `CORNERS`.
 
     The part behind the plane of the test mirror is cut off.
     """
-    (cx, cy), (ax, ay) = load2(images.rows, m * IMAGE, k), load2(images.rows, m * IMAGE + 2 * ROW, k)
-    (bx, by), (height, a, b) = load2(images.rows, m * IMAGE + 4 * ROW, k), (1.0, 0.0, 0.0)
-    if images.behind[m] >> k & 1:
-        height, a, b = load(images.rows, m * IMAGE + _HEIGHT, k)
+    o = IMAGES + m * IMAGE
+    (cx, cy), (ax, ay), (bx, by) = load2(lines, o, k), load2(lines, o + 2 * ROW, k), load2(lines, o + 4 * ROW, k)
+    height, a, b = 1.0, 0.0, 0.0
+    if marks[BEHIND, m] >> k & 1:
+        height, a, b = load(lines, o + _HEIGHT, k)
     if ax * by - ay * bx < 0.0:
         ax, ay, a, bx, by, b = bx, by, b, ax, ay, a
     corners = 0
@@ -438,89 +432,64 @@ def outline(images: Images, m: int, k: int, polygons: Floats, at: int) -> int:
 #: Area below which an image is omitted from unions.
 #: Such an image is no wider than rounding errors, and its corners may be out of order.
 _NOTHING = 1e-14
-#: Offsets of the rows of blocked areas, and of shaded or blocked areas, from the row of shaded areas.
-_BLOCK, _BOTH = ROW, 2 * ROW
-
-
-class Room(NamedTuple):
-    """Scratch arrays for the unions of images."""
-
-    #: Lanes in which each pair of images overlaps, shape (count, count).
-    met: Integers
-    #: Common area of two images in each lane.
-    shared: Floats
-    #: Indices of the images in one lane, number of corners of each image, and coordinates of the corners.
-    names: Integers
-    corners: Integers
-    polygons: Floats
-    #: Pieces of the square outside the images in one lane; each image may add 5 corners to a piece.
-    #: The array occupies memory only where it is written.
-    pieces: Floats
-    open: Floats
-
-
-@kernel
-def room_for(count: int) -> Room:
-    """Allocate scratch arrays for `count` images."""
-    pieces = (count + 1) * 6 * (4 + CORNERS * (count + 2)) + 64
-    names, corners, polygons = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count * 2 * CORNERS)
-    return Room(np.empty((count, count), np.int64), rows(1), names, corners, polygons, np.empty(pieces), np.empty(2))
 
 
 @inner
-def unions(images: Images, shading: int, count: int, total: Floats, room: Room, lanes: int) -> None:
+def unions(
+    lines: Floats, marks: Integers, polygons: Floats, pieces: Floats, shading: int, count: int, lanes: int
+) -> None:
     """Compute the exact area of the union of images in each lane, on the square of area 4.
 
     The first `shading` of `count` images shade, the others block. The function writes the shaded, blocked, and shaded
-    or blocked areas to the rows of `total`, shape (3 * ROW,). `room` contains scratch arrays for at least `count`
-    images, and `lanes` is a multiple of `vectors.GROUP`.
+    or blocked areas to the rows `TOTAL` of `lines`. `lanes` is a multiple of `vectors.GROUP`. `polygons` has storage
+    for `CORNERS` corners of each image. `pieces` has storage for the pieces of the square outside the images.
 
     Rounding errors are about 1e-14. Within 1 mrad of grazing incidence, rounding errors increase to 2e-12 if images are
     1000 times as large as the mirror.
     """
     one = two = four = general = np.int64(0)
     for k in range(lanes):
-        put(total, 0, k, 0.0)
-        put(total, _BLOCK, k, 0.0)
+        put(lines, TOTAL, k, 0.0)
+        put(lines, TOTAL + ROW, k, 0.0)
     for m in range(count):
-        carry, general = images.present[m], general | images.behind[m]
+        carry, general = marks[PRESENT, m], general | marks[BEHIND, m]
         one, carry = one ^ carry, one & carry
         two, carry = two ^ carry, two & carry
         four, general = four ^ carry, general | four & carry
-        _add(total, 0 if m < shading else _BLOCK, images.rows, m * IMAGE + AREA, 1.0, np.int64(-1), lanes)
+        _add(lines, TOTAL if m < shading else TOTAL + ROW, IMAGES + m * IMAGE + AREA, 1.0, np.int64(-1), lanes)
     for k in range(lanes):
-        put(total, _BOTH, k, get(total, 0, k) + get(total, _BLOCK, k))
+        put(lines, TOTAL + 2 * ROW, k, get(lines, TOTAL, k) + get(lines, TOTAL + ROW, k))
     general |= four & two & one
     if (two | four) & ~general != 0:
-        general |= _add_overlaps(images, (two | four) & ~general, shading, count, total, room, lanes)
+        general |= _add_overlaps(lines, marks, (two | four) & ~general, shading, count, polygons, pieces, lanes)
     for k in range(lanes if general != 0 else 0):
         if general >> k & 1:
-            _subtract(images, shading, count, k, total, room)
+            _subtract(lines, marks, shading, count, k, polygons, pieces)
 
 
 @inner
-def _add(total, row, areas, at, factor, some, lanes):
+def _add(lines, row, areas, factor, some, lanes):
     """Add areas, multiplied by a factor, to a row of the totals in the lanes `some`."""
     for k in range(lanes):
-        put(total, row, k, get(total, row, k) + (factor * get(areas, at, k) if some >> k & 1 else 0.0))
+        put(lines, row, k, get(lines, row, k) + (factor * get(lines, areas, k) if some >> k & 1 else 0.0))
 
 
 @inner
-def _overlapping(images, n, m, some, lanes):
-    """Return the lanes in which images n and m overlap (by separating axes) and both areas exceed rounding errors."""
-    found, one, other = np.int64(0), n * IMAGE, m * IMAGE
+def _overlapping(lines, one, other, some, lanes):
+    """Return the lanes in which two images overlap (by separating axes) and both areas exceed rounding errors."""
+    found = np.int64(0)
     start, stop = next_run(0, some, lanes)
     while start < stop:
         for k in range(start, stop):
             (gx, gy), (ax, ay), (bx, by) = (
-                load2(images, one, k),
-                load2(images, one + 2 * ROW, k),
-                load2(images, one + 4 * ROW, k),
+                load2(lines, one, k),
+                load2(lines, one + 2 * ROW, k),
+                load2(lines, one + 4 * ROW, k),
             )
             (hx, hy), (px, py), (qx, qy) = (
-                load2(images, other, k),
-                load2(images, other + 2 * ROW, k),
-                load2(images, other + 4 * ROW, k),
+                load2(lines, other, k),
+                load2(lines, other + 2 * ROW, k),
+                load2(lines, other + 4 * ROW, k),
             )
             cx, cy = hx - gx, hy - gy
             ab, pq = abs(ax * by - ay * bx), abs(px * qy - py * qx)
@@ -530,86 +499,82 @@ def _overlapping(images, n, m, some, lanes):
             gap = larger(gap, abs(cx * py - cy * px) - pq - ap - bp)
             gap = larger(gap, abs(cx * qy - cy * qx) - pq - aq - bq)
             # images closer than 1e-3 count as overlapping, because their edges may coincide
-            least = smaller(get(images, one + AREA, k), get(images, other + AREA, k))
+            least = smaller(get(lines, one + AREA, k), get(lines, other + AREA, k))
             found |= np.int64((gap < 1e-3) & (least > _NOTHING)) << k
         start, stop = next_run(stop, some, lanes)
     return found
 
 
 @inner
-def _add_overlaps(images, some, shading, count, total, room, lanes):
+def _add_overlaps(lines, marks, some, shading, count, polygons, pieces, lanes):
     """Subtract overlaps of pairs, add overlaps of triples; return lanes with ties or four overlapping images."""
-    met, left = room.met, np.int64(0)
+    left = np.int64(0)
     for m in range(count):
-        met[m, m] = 0
+        marks[_MET + m, m] = 0
         for n in range(m):
-            both = images.present[m] & images.present[n] & some
+            both, one, other = marks[PRESENT, m] & marks[PRESENT, n] & some, IMAGES + n * IMAGE, IMAGES + m * IMAGE
             if both != 0:
-                both &= _overlapping(images.rows, n, m, both, lanes)
+                both &= _overlapping(lines, one, other, both, lanes)
             if both != 0:
-                tied, both = shared_by_two(images.rows, n, m, both, room.shared, lanes)
+                tied, both = shared_by_two(lines, one, other, both, lanes)
                 left |= tied
-                _add(total, _BOTH, room.shared, 0, -1.0, both, lanes)
+                _add(lines, TOTAL + 2 * ROW, _SHARED, -1.0, both, lanes)
                 if m < shading or n >= shading:
-                    _add(total, 0 if m < shading else _BLOCK, room.shared, 0, -1.0, both, lanes)
-            met[m, n] = met[n, m] = both
+                    _add(lines, TOTAL if m < shading else TOTAL + ROW, _SHARED, -1.0, both, lanes)
+            marks[_MET + m, n] = marks[_MET + n, m] = both
     for m in range(count):
         for n in range(m):
-            if met[m, n] & ~left != 0:
-                left = _add_triples(images, m, n, left, shading, count, total, room, lanes)
+            if marks[_MET + m, n] & ~left != 0:
+                left = _add_triples(lines, marks, m, n, left, shading, count, polygons, pieces, lanes)
     return left
 
 
 @inner
-def _add_triples(images, m, n, left, shading, count, total, room, lanes):
+def _add_triples(lines, marks, m, n, left, shading, count, polygons, pieces, lanes):
     """Add common areas of images m, n and each image before n; return lanes with ties or four overlapping images."""
-    met = room.met
     for i in range(n):
-        three = met[m, n] & met[m, i] & met[n, i] & ~left
+        three = marks[_MET + m, n] & marks[_MET + m, i] & marks[_MET + n, i] & ~left
         for h in range(count if three != 0 else 0):
-            left |= three & met[m, h] & met[n, h] & met[i, h]
+            left |= three & marks[_MET + m, h] & marks[_MET + n, h] & marks[_MET + i, h]
         for k in range(lanes if three & ~left != 0 else 0):
             if (three & ~left) >> k & 1:
-                shared = _shared_by_three(images, (m, n, i), k, room)
-                total[_BOTH + k] += shared
+                piece, corners = 0, 4
+                write_square(pieces, 0)
+                for j in (m, n, i):
+                    edges = outline(lines, marks, j, k, polygons, 0)
+                    piece, corners = within(pieces, piece, corners, polygons, 0, edges)
+                shared = area(pieces, piece, corners)
+                lines[TOTAL + 2 * ROW + k] += shared
                 if m < shading or i >= shading:
-                    total[(0 if m < shading else _BLOCK) + k] += shared
+                    lines[(TOTAL if m < shading else TOTAL + ROW) + k] += shared
     return left
 
 
 @inner
-def _shared_by_three(images, names, k, room):
-    """Return the common area of the square and three images in one lane."""
-    piece, corners = 0, 4
-    write_square(room.pieces, 0)
-    for m in names:
-        edges = outline(images, m, k, room.polygons, 0)
-        piece, corners = within(room.pieces, piece, corners, room.polygons, 0, edges)
-    return area(room.pieces, piece, corners)
-
-
-@inner
-def _subtract(images, shading, count, k, total, room):
+def _subtract(lines, marks, shading, count, k, polygons, pieces):
     """Compute the unions of one lane by subtracting the images from the square."""
-    names, some, shades = room.names, 0, 0
+    some, shades = 0, 0
     for m in range(count):
-        size = get(images.rows, m * IMAGE + AREA, k)
+        size = get(lines, IMAGES + m * IMAGE + AREA, k)
         if size > _NOTHING:  # sort by size, large images first
             n = some
-            while n > (shades if m >= shading else 0) and size > get(images.rows, names[n - 1] * IMAGE + AREA, k):
-                names[n] = names[n - 1]
+            while n > (shades if m >= shading else 0):
+                before = marks[_NAMES, n - 1]
+                if size <= get(lines, IMAGES + before * IMAGE + AREA, k):
+                    break
+                marks[_NAMES, n] = before
                 n -= 1
-            names[n], some = m, some + 1
+            marks[_NAMES, n], some = m, some + 1
             shades = some if m < shading else shades
     for n in range(some):
-        room.corners[n] = outline(images, names[n], k, room.polygons, 2 * CORNERS * n)
+        marks[_SIZES, n] = outline(lines, marks, marks[_NAMES, n], k, polygons, 2 * CORNERS * n)
     for first in (0, shades):
-        write_square(room.pieces, 0)
-        room.open[0] = room.open[1] = 0.0
-        leave_open(room.polygons, room.corners, first, shades, some, room.pieces, 0, 4, 8, room.open)
+        write_square(pieces, 2)
+        pieces[0] = pieces[1] = 0.0
+        leave_open(polygons, marks, first, shades, some, pieces, 2, 4, 10)
         if first == 0:
-            total[k], total[_BOTH + k] = SQUARE - room.open[0], SQUARE - room.open[1]
-    total[_BLOCK + k] = SQUARE - room.open[1]
+            lines[TOTAL + k], lines[TOTAL + 2 * ROW + k] = SQUARE - pieces[0], SQUARE - pieces[1]
+    lines[TOTAL + ROW + k] = SQUARE - pieces[1]
 
 
 #: In lanes below these limits, images are subtracted from the square one by one.
@@ -619,18 +584,18 @@ _ALONG, _NEXT, _THIN = 1e-3, 2e-3, 1e-6
 
 
 @inner
-def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lanes: int) -> tuple[np.int64, np.int64]:
-    """Write the common area of the square and images m and n in each lane.
+def shared_by_two(lines: Floats, one: int, other: int, some: int, lanes: int) -> tuple[np.int64, np.int64]:
+    """Write the common area of the square and the images at offsets `one` and `other` in each lane.
 
     Returns the lanes in which the area may be wrong because edges nearly coincide, and the lanes with a positive area.
     """
-    one, other, tied, found = m * IMAGE, n * IMAGE, np.int64(0), np.int64(0)
+    tied, found = np.int64(0), np.int64(0)
     start, stop = next_run(0, some, lanes)
     while start < stop:
         for k in range(start, stop):
-            (cx, cy), (ax, ay) = load2(images, one, k), load2(images, one + 2 * ROW, k)
-            (bx, by), (gx, gy) = load2(images, one + 4 * ROW, k), load2(images, other, k)
-            (px, py), (qx, qy) = load2(images, other + 2 * ROW, k), load2(images, other + 4 * ROW, k)
+            (cx, cy), (ax, ay) = load2(lines, one, k), load2(lines, one + 2 * ROW, k)
+            (bx, by), (gx, gy) = load2(lines, one + 4 * ROW, k), load2(lines, other, k)
+            (px, py), (qx, qy) = load2(lines, other + 2 * ROW, k), load2(lines, other + 4 * ROW, k)
             ax, ay, bx, by = _turned(ax), _turned(ay), _turned(bx), _turned(by)
             # Coordinates relative to the second image: (x e + y f + g, x h + y i + j).
             turn = px * qy - py * qx
@@ -676,7 +641,7 @@ def shared_by_two(images: Floats, m: int, n: int, some: int, shared: Floats, lan
                 (y_run, y_run, x_run, x_run),
             )
             total = abs((total + first - second - third + fourth) * turn)
-            put(shared, 0, k, total)
+            put(lines, _SHARED, k, total)
             found |= np.int64(total > 1e-15) << k
             near = _tied(cx, bx, ax) | _tied(cy, by, ay) | _tied(cx, ax, bx) | _tied(cy, ay, by) | (abs(area) < _THIN)
             tied |= np.int64(near) << k
