@@ -37,13 +37,8 @@ def compile_in_parts(whole: Any, part: Any) -> None:
             return compile_alone(signature)
 
     def call_template(args: Any, keywords: Any) -> Any:
-        """Return the signature of a call.
-
-        A literal number does not cause another compilation, unless the function is inlined.
-        """
-        if "forceinline" not in part.targetoptions:
-            args = [types.unliteral(kind) for kind in args]
-        return template(args, keywords)
+        """Return the signature of a call. A literal number does not cause another compilation."""
+        return template([types.unliteral(kind) for kind in args], keywords)
 
     whole.compile, whole.get_call_template, whole.get_overload = compile_of_parts, call_template, part.get_overload
 

@@ -75,6 +75,7 @@ def instant(i, mirrors, tracking, s, tower=None):
     others = [j for j in range(len(centres)) if j != i]
     shade = [image(i, j, s, centres, frames, sides) for j in others]
     shade += [] if tower is None else [tower_image(i, s, tower, centres, frames, sides)]
-    block = [image(i, j, r, centres, frames, sides) for j in others if (centres[j] - centres[i]) @ r < mirrors.mounts[i, 5]]
+    near = [j for j in others if (centres[j] - centres[i]) @ r < mirrors.mounts[i, 5]]
+    block = [image(i, j, r, centres, frames, sides) for j in near]
     cosine = np.sqrt((1.0 + r @ s) / 2.0)
     return np.array([cosine, 1.0 - lost(shade), 1.0 - lost(block), cosine * (1.0 - lost(shade + block))])

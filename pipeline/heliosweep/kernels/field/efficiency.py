@@ -107,7 +107,8 @@ def sorted_field(
     if not all(np.isfinite(each).all() for each in mirrors):
         raise ValueError("centres and half sides must be finite, and no mirror may be at the target")
     cells, names = by_cells(mirrors.spheres)
-    return SortedField(Mirrors(*(each[names] for each in mirrors)), cells, names, np.array(tower or (0.0, 0.0)))
+    tower_size = np.array(tower or (0.0, 0.0), np.float64)
+    return SortedField(Mirrors(*(each[names] for each in mirrors)), cells, names, tower_size)
 
 
 def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop: int) -> tuple[Floats, int]:
