@@ -8,6 +8,7 @@ import os
 import textwrap
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -498,7 +499,10 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
     shown = [(name, point, _values(context, name, over, fixed, point)) for name, point in panels]
     is_table = down is not None or min(len(points), len(names)) > 1
     columns = len(places) if is_table else abreast(len(shown), COLUMNS - (len(names) > 1))
-    return [*shown], fixed, columns, context.note(fixed, rows, places)
+    note, maps = context.note(fixed, rows, places), {values.tobytes() for *_, values in shown}
+    if is_map and len(maps) < min(len(shown), 2) and result["x"].ndim == 1:
+        shown, columns, note = shown[:1], 1, f"{note} All {len(shown)} maps are equal. Only the first is shown.".strip()
+    return [*shown], fixed, columns, note
 
 
 def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
@@ -558,6 +562,11 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
     axes.add_collection(squares)
     for name, ring in ((name, ring) for name, rings in areas(here).items() for ring in rings):
         axes.add_patch(patches.Polygon(ring, **_AREAS[name]))
+    z = here["z"].to_numpy() if "z" in here.coords and here["z"].dims == (HELIOSTAT,) else np.zeros(x.size)
+    if placed.any() and np.ptp(z[placed]) >= 1.0:  # m
+        with suppress(RuntimeError, ValueError):  # mirrors in a straight line cannot be triangulated
+            lines = axes.tricontour(x[placed], y[placed], z[placed], 5, colors="#333333", linewidths=0.5)
+            axes.clabel(lines, fontsize=5.5, fmt=lambda level: f"{level:g} m")
     axes.plot(0, 0, "^", color="black", markersize=5, markeredgecolor="white", markeredgewidth=0.6)
     axes.set_aspect("equal", "datalim" if axes.get_shared_x_axes().get_siblings(axes) == [axes] else "box")
     axes.autoscale_view()
