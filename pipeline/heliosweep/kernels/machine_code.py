@@ -46,8 +46,11 @@ def compile_in_parts(whole: Any, part: Any) -> None:
 @contextmanager
 def _parts() -> Iterator[None]:
     """Compile with `_Library` and `_call_type`, and pause garbage collection, which takes 10 % of the time."""
-    cpu_target.target_context.refresh()  # registers all functions of the compiler
     codegen: Any = cpu_target.target_context.codegen()
+    if codegen._library_class is _Library:  # a kernel that calls this kernel is being compiled
+        yield
+        return
+    cpu_target.target_context.refresh()  # registers all functions of the compiler
     before = codegen._library_class, _Function.get_call_type, gc.isenabled()
     codegen._library_class, _Function.get_call_type = _Library, _call_type
     gc.disable()
