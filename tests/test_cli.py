@@ -261,5 +261,5 @@ def test_every_command_refuses_to_write_to_an_address(folder, capsys, arguments)
     path = study(folder)
     before = contents(folder)
     assert main([path if word == "STUDY" else word for word in arguments]) == 2
-    assert "is an address, not a path on this machine; name a local file or folder" in capsys.readouterr().err
+    assert "is a URL, not a path on this machine; specify a local file or folder" in capsys.readouterr().err
     assert contents(folder) == before

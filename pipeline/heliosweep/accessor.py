@@ -1,4 +1,4 @@
-"""Accessor ``result.heliosweep`` of xarray data sets, for use in notebooks.
+"""xarray accessor ``result.heliosweep``, for use in notebooks.
 
 Calling `build` or `open_result`, or importing heliosweep after xarray, registers the accessor.
 """
@@ -43,7 +43,7 @@ class Plots:
         variable : str
             Variable with the dimension ``heliostat``. The result must contain the positions ``x`` and ``y``.
         **select
-            Value along every other dimension of the variable.
+            Coordinate value along every other dimension of the variable.
 
         Returns
         -------
@@ -52,7 +52,7 @@ class Plots:
         Raises
         ------
         StudyError
-            If the variable does not exist, or if `select` has no value for one of its dimensions.
+            If the variable does not exist, or if `select` lacks a value for one of the dimensions of the variable.
         """
         here = chosen(self._result[fields.names_of(self._result, variable)], select, ("heliostat",))
         if "heliostat" not in here[variable].dims:
@@ -69,10 +69,10 @@ class Plots:
         variable : str
             Variable to draw.
         along : str
-            Dimension with numbers or times as values.
+            Dimension along the horizontal axis, with numbers or times as coordinates.
         **select
-            Values of the other dimensions. At most one dimension may be omitted. The figure has one line for each
-            value of the omitted dimension.
+            Coordinate values along the other dimensions. At most one dimension may be omitted. The figure has one line
+            for each value of the omitted dimension.
 
         Returns
         -------
@@ -107,12 +107,12 @@ def _drawn(here: xr.Dataset, figure: Callable[[str], Figure], variable: str, sel
 
 
 class HeliosweepAccessor:
-    """Access to the figures, tables, comparison and study of a result.
+    """Provide access to the figures, tables, comparison and study of a result.
 
     Parameters
     ----------
     result : xarray.Dataset
-        Result from `open_result` or `build`, or a part of such a result.
+        Result from `open_result` or `build`, or a selection from such a result.
     """
 
     def __init__(self, result: xr.Dataset) -> None:
@@ -134,7 +134,7 @@ class HeliosweepAccessor:
         Raises
         ------
         HeliosweepError
-            If the result contains no study, or the input files of its study are not available.
+            If the result contains no study, or if the input files of the study are not available.
         """
         from heliosweep.config.load import load, load_mapping
         from heliosweep.families.family import study_classes
@@ -158,7 +158,7 @@ class HeliosweepAccessor:
         return Plots(self._result)
 
     def sel(self, **labels: Any) -> xr.Dataset:
-        """Select by label, as with `xarray.Dataset.sel`, and select heliostats also by name.
+        """Select data by label as with `xarray.Dataset.sel`, or heliostats by name.
 
         For example, ``sel(heliostat="A1", latitude=30)`` selects one heliostat.
 
@@ -204,8 +204,8 @@ class HeliosweepAccessor:
         Returns
         -------
         dict of str to pandas.DataFrame
-            Tables, keyed by title. If the family declares no tables, the tables show the variables with the fewest
-            dimensions.
+            Tables, keyed by title. If the family declares no tables, a single table contains the variables with the
+            fewest dimensions.
 
         Raises
         ------
@@ -230,7 +230,7 @@ class HeliosweepAccessor:
         Parameters
         ----------
         published : path
-            CSV table in the format that the study key `report.published` requires.
+            CSV file in the format required by the study key `report.published`.
 
         Returns
         -------
@@ -267,7 +267,8 @@ class HeliosweepAccessor:
     ) -> Path:
         """Write variables as an Excel workbook; see `share.fields.write_xlsx`.
 
-        If no variables are named, the tables of the report and the comparison with published numbers come first.
+        If `variables` is None, the workbook begins with the tables of the report and the comparison with published
+        numbers.
         """
         tables: dict[str, pd.DataFrame] = {}
         if variables is None:

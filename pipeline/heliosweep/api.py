@@ -1,4 +1,4 @@
-"""Main functions to load, plan, build, run and report studies, to show their status, and to open results."""
+"""Main functions to load, plan, build, run and report studies, show their status, and open results."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from heliosweep.store.writer import words_of
 
 
 def result_folder(study: Study, output: str | os.PathLike[str] | None = None) -> Path:
-    """Return the result folder of a study, either `output` or ``outputs/<study file name>-<study id>``.
+    """Return the result folder of a study (default: ``outputs/<study file name>-<study id>``).
 
     Raises
     ------
@@ -53,7 +53,7 @@ def result_folder(study: Study, output: str | os.PathLike[str] | None = None) ->
     try:
         folder.exists()
     except OSError as error:
-        problem = f"cannot write there: {error.strerror}; name another folder with --output"
+        problem = f"cannot be accessed: {error.strerror}; choose another folder with --output"
         raise StudyError(Problem(problem, file=str(folder))) from None
     return folder
 
@@ -68,7 +68,7 @@ class Result:
         Path of ``result.nc``. The same folder contains ``manifest.json``, ``study.resolved.yaml``, ``report.html``
         and ``figures/``.
     seconds : dict of str to float
-        Time spent in each stage of the run; an empty mapping if the result already existed. [s]
+        Duration of each stage of the run; empty if the result already existed. [s]
     """
 
     path: Path
@@ -81,16 +81,16 @@ class Result:
 
     @property
     def page(self) -> Path | None:
-        """Path of the page with figures and tables, or None if there is no page."""
+        """Path of the HTML report, or None if there is no report."""
         page = self.folder / "report.html"
         return page if page.is_file() else None
 
     def open(self) -> xr.Dataset:
-        """Open the data set."""
+        """Open the result as a data set."""
         return open_result(self.path)
 
     def summary(self) -> str:
-        """Return the title, dimensions, headline numbers and page of the result as text, one item per line."""
+        """Return the title, dimensions, headline numbers and report path, one item per line."""
         from heliosweep.report.tables import summary
 
         with stored.open_result(self.path) as data:
@@ -99,14 +99,14 @@ class Result:
         return "\n".join([*lines, *([f"page: {self.page}"] if self.page else [])])
 
     def headline(self) -> str:
-        """Return the first headline number, or the dimensions of the result if it has no headline number."""
+        """Return the first headline number, or the dimensions if the result has no headline numbers."""
         if not self.seconds and self.page and (headline := page_head(self.page)[1]):
             return headline
         lines = self.summary().splitlines()
         return lines[2 if len(lines) > 2 and not lines[2].startswith("page: ") else 1]
 
     def ending(self) -> str:
-        """Return the summary of a new result, or the headline number and page of an existing result."""
+        """Return the summary of a new result, or the headline number and report path of an existing result."""
         if self.seconds or not self.page:
             return self.summary() if self.seconds else ""
         return "\n".join([*filter(None, page_head(self.page)), f"page: {self.page}"])
@@ -116,19 +116,21 @@ class Result:
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Open a result, even while other threads run studies.
+    """Open a result as a lazy data set.
+
+    Results can be opened while other threads run studies.
 
     Parameters
     ----------
     path : path
-        Result folder, or file ``result.nc`` in this folder.
+        Result folder, or the file ``result.nc`` in a result folder.
 
     Returns
     -------
     xarray.Dataset
-        Data set whose values are read only when they are used. Close the data set after use, or use it as a context
-        manager. The values are not checked. Run ``heliosweep verify`` if the file may be damaged. Heliostats with
-        unique names in the layout can be selected by name with ``sel(name="A1")`` or
+        Data set whose values are read only when they are needed. Close the data set after use, or use it as a context
+        manager. The checksum is not verified. Run ``heliosweep verify`` if the file may be damaged. If the layout
+        contains unique names, heliostats can be selected by name with ``sel(name="A1")`` or
         ``heliosweep.sel(heliostat="A1")``.
 
     Raises
@@ -149,26 +151,26 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     names = result.coords.get("name")
     if names is not None and names.ndim == 1 and len(set(names.to_numpy().tolist())) == names.size:
         named = result.set_xindex("name")
-        named.set_close(result.close)  # otherwise, closing the renamed data set would leave the file open
+        named.set_close(result.close)  # otherwise, closing the new data set would leave the file open
         return named
     return result
 
 
-#: Source of a study: a study file, its content as a mapping, or a study to change.
+#: Source of a study: a study file, its content as a mapping, or an existing study.
 Source: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | Study
 
 
 def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str = "") -> Study:
-    """Load and check a study.
+    """Load and validate a study.
 
     Parameters
     ----------
     source : path, mapping or Study
-        Study file, its content as a mapping, or a study to which `changes` are applied.
+        Study file, its content as a mapping, or an existing study.
     changes : mapping of str to object, optional
-        New values by dotted key, such as ``{"receiver.height": 90}``; None removes a key.
+        New values for dotted keys, for example ``{"receiver.height": 90}``; None removes a key.
     named : str
-        Source of the `changes`, as named in messages.
+        Name for the source of `changes` in error messages.
 
     Returns
     -------
@@ -199,7 +201,7 @@ def load(source: Source, changes: Mapping[str, Any] | None = None, *, named: str
 
 
 def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: bool = False) -> Plan:
-    """Estimate the cost of a study, and split the study into chunks.
+    """Estimate the cost of a study, and divide the study into chunks.
 
     This function does not connect to a scheduler.
 
@@ -208,10 +210,10 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
     study : Study, path or mapping
         Study, or its source as in `load`.
     output : path, optional
-        Result folder, whose file system determines the free disk space.
+        Result folder. The plan uses the free disk space of its file system.
     timed : bool
-        If True, extrapolate the run time from a small part of the study, unless this part takes more than a few
-        seconds.
+        If True, compute a small part of the study and extrapolate its run time, unless this part would take more than a
+        few seconds.
 
     Returns
     -------
@@ -236,7 +238,7 @@ def plan(study: Source, output: str | os.PathLike[str] | None = None, *, timed: 
 def build(study: Source) -> xr.Dataset:
     """Return the result of a study as a lazy data set.
 
-    Each parameter point is computed by dask only when its values are used.
+    Dask computes each parameter point only when its values are needed.
 
     Parameters
     ----------
@@ -246,7 +248,14 @@ def build(study: Source) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Lazy result with its attributes, and with the accessor ``.heliosweep``; see `heliosweep.accessor`.
+        Lazy result with attributes and the accessor ``.heliosweep`` (see `heliosweep.accessor`).
+
+    Raises
+    ------
+    StudyError
+        If the study is invalid, or if the study contains a search.
+    PlanError
+        If the study does not fit on this machine.
 
     Examples
     --------
@@ -259,7 +268,7 @@ def build(study: Source) -> xr.Dataset:
     if study.search is not None:
         raise StudyError(
             study.problem(
-                "search", "cannot be built lazily: its points depend on earlier points; run the study instead"
+                "search", "cannot be built lazily because each point depends on earlier points; run the study instead"
             )
         )
     import heliosweep.accessor  # noqa: F401  (registers with xarray)
@@ -283,7 +292,7 @@ def run(
 ) -> Result:
     """Run a study and write its result folder.
 
-    A finished result of the same study is returned unchanged, and an interrupted run resumes with the missing parts.
+    A finished result of the same study is returned unchanged. An interrupted run resumes with the missing parts.
 
     Parameters
     ----------
@@ -292,7 +301,7 @@ def run(
     output : path, optional
         Result folder; by default ``outputs/<name>-<study id>``.
     scheduler, workers, memory
-        Values that override the `execution` keys in the study file. These keys do not change the numbers in the result.
+        Overrides of the `execution` keys in the study file. These keys do not affect the computed values.
     progress : bool
         If True, show progress on standard error.
     report : bool
@@ -313,15 +322,15 @@ def run(
     RunInterrupted
         If the run is stopped. Finished parts are kept.
     HeliosweepError
-        If the result cannot be written completely, for example because the disk is full, or if a part fails. Finished
-        parts are then kept. The error is also raised if the folder contains parts computed by another version of the
-        code, or if the report of a complete result fails.
+        If the result cannot be written completely, for example because the disk is full, or if the computation of a
+        part fails. Finished parts are kept. The error is also raised if the folder contains parts computed by another
+        version of the code, or if the report of a complete result fails.
 
     Notes
     -----
     The first run on a machine compiles the kernels and logs a message. With ``execution.scheduler: processes`` or
     ``distributed``, the workers import the calling script. The script must therefore call this function below ``if
-    __name__ == "__main__":``. If another process is running the same study, this function waits for it to end.
+    __name__ == "__main__":``. If another process is running the same study, this function waits until that run ends.
 
     Examples
     --------
@@ -337,14 +346,14 @@ def run(
     folder = result_folder(study, output)
     page = folder / "report.html"
     if not force and (not report or page.exists()) and (found := _run_of(study, folder).complete()):
-        log.info("%s is complete; %s computes it again", found, FORCE)
+        log.info("%s is complete; %s recomputes it", found, FORCE)
         return Result(found, {})
     check_contents(folder, study, force)
     with made(folder), locked(folder):
         remove_leftovers(folder)
         task = _run_of(study, folder)
         if task.study_id != study.study_id:
-            raise StudyError(Problem("the files of the study changed while the run was waiting; run the study again"))
+            raise StudyError(Problem("the input files changed while the run was waiting; run the study again"))
         try:
             if report and (table := study.report.published) is not None:  # finds problems in the table before the run
                 from heliosweep.report import comparison
@@ -362,14 +371,14 @@ def run(
 
 
 def _list(folder: Path) -> None:
-    """Add a result folder to the index of all studies, if the folder is in ``outputs``."""
+    """Update the index of all studies if the result folder is in ``outputs``."""
     if folder.absolute().parent.name == OUTPUTS:
         from heliosweep.report.page import write_index
 
         try:
             write_index(folder.absolute().parent)
         except (OSError, HeliosweepError) as error:
-            log.warning("the list of all studies was not written: %s", error)
+            log.warning("the index of all studies was not written: %s", error)
 
 
 def _run_of(study: Study, folder: Path) -> Run:
@@ -410,7 +419,7 @@ def status(*of: str | os.PathLike[str]) -> list[Status]:
 
 
 def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
-    """Return the result folder of a study file, or a given result folder unchanged.
+    """Return the result folder of a study file, or return a result folder unchanged.
 
     Raises StudyError if `there` is True and the study has not been run.
     """
@@ -426,7 +435,9 @@ def folder_of(place: str | os.PathLike[str], *, there: bool = False) -> Path:
 
 
 def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summary: bool = False) -> Path:
-    """Redraw the figures of a result, write its page, and update the index of all studies.
+    """Redraw the figures of a result and write its HTML report.
+
+    Unless `summary` is True, the index of all studies is also updated.
 
     Parameters
     ----------
@@ -435,12 +446,12 @@ def report(folder: str | os.PathLike[str], *, vector: Sequence[str] = (), summar
     vector : sequence of {"svg", "pdf"}
         Figure formats in addition to PNG.
     summary : bool
-        If True, write ``summary.html`` instead, which fits on one printed page.
+        If True, write ``summary.html``, which fits on one printed page, instead of ``report.html``.
 
     Returns
     -------
     pathlib.Path
-        Path of the page.
+        Path of the HTML file.
 
     Raises
     ------
@@ -512,15 +523,15 @@ def study(family: str, /, **blocks: Any) -> Study:
 
 
 def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Save a study as a study file with the same id.
+    """Write a study to a study file. The study id does not change.
 
     Parameters
     ----------
     study : Study
         Study to save.
     path : path
-        File to write. It appears under its name only when it is complete. File names in the study become relative to
-        the folder of this file.
+        File to write. The file is created atomically, when its content is complete. File names in the study become
+        relative to the folder of this file.
     force : bool
         If True, replace an existing file.
 
@@ -552,14 +563,14 @@ def save(study: Study, path: str | os.PathLike[str], *, force: bool = False) -> 
 def comparison_page(
     results: Sequence[str | os.PathLike[str]], page: str | os.PathLike[str], *, force: bool = False
 ) -> Path:
-    """Write one page that compares several results.
+    """Write an HTML page that compares several results.
 
     Parameters
     ----------
     results : sequence of path
         Result folders. The first result is the reference for the comparison.
     page : path
-        HTML file to write. It appears under its name only when it is complete.
+        HTML file to write. The file is created atomically, when its content is complete.
     force : bool
         If True, replace an existing file.
 
@@ -602,26 +613,27 @@ def efficiency_table(
     elevation: Any = None,
     factor: float = 1.0,
 ) -> xr.DataArray:
-    """Return the efficiency of a field over sun directions, for SAM and SolarPILOT.
+    """Return the field efficiency as a function of sun direction, for SAM and SolarPILOT.
 
     Parameters
     ----------
     source : Study or path
         Field study, study file, or result folder. The efficiency is recomputed if the source is not a result over sun
-        directions, or if other directions are given.
+        directions, or if `azimuth` or `elevation` is given.
     select : mapping of str to value, optional
-        Value of every swept parameter of the field, such as ``{"tracking": "azimuth_elevation"}``.
+        Value of every swept parameter of the field, for example ``{"tracking": "azimuth_elevation"}``.
     azimuth, elevation : number, sequence or mapping, optional
         Azimuths (clockwise from north) and elevations of the sun. By default, the directions of the source are used. If
         the source has no directions, the steps are 15 deg in azimuth and 5 deg in elevation. [deg]
     factor : float
-        Product of the efficiency factors that the study does not compute, 0 to 1. These factors are the absorptance of
-        the receiver and, for a study without `optics`, also reflectivity, soiling, attenuation and intercept. [1]
+        Product of the efficiency factors that the study does not compute, from 0 to 1. These factors are the
+        absorptance of the receiver and, for a study without `optics`, also reflectivity, soiling, attenuation and
+        intercept. [1]
 
     Returns
     -------
     xarray.DataArray
-        Efficiency over ``sun_elevation`` and ``sun_azimuth``, for `write_table`.
+        Efficiency with the dimensions ``sun_elevation`` and ``sun_azimuth``, for use with `write_table`.
 
     Raises
     ------
@@ -649,7 +661,7 @@ def flux_maps(
     azimuth: Any = None,
     elevation: Any = None,
 ) -> xr.DataArray:
-    """Return the fraction of the receiver's light that falls on each column, for SAM.
+    """Return the fraction of the light on each column of the receiver, for SAM.
 
     Parameters
     ----------
@@ -659,8 +671,8 @@ def flux_maps(
     Returns
     -------
     xarray.DataArray
-        Fractions over ``sun_elevation``, ``sun_azimuth`` and the columns of the receiver, for `write_table`. The
-        directions are in the order of the efficiency table. [1]
+        Fractions with the dimensions ``sun_elevation``, ``sun_azimuth`` and ``flux_column``, for use with
+        `write_table`. The sun directions are in the same order as in the efficiency table. [1]
 
     Raises
     ------
@@ -682,7 +694,9 @@ def flux_maps(
 def plant_electricity(
     source: str | os.PathLike[str], select: Mapping[str, Any] | None = None, inputs: Mapping[str, Any] | None = None
 ) -> xr.Dataset:
-    """Compute the electricity from a plant with SAM's molten-salt power tower and the weather in the study.
+    """Compute the electricity generated by a plant with SAM's molten-salt power tower.
+
+    The weather file of the study provides the weather data.
 
     Parameters
     ----------
@@ -691,12 +705,12 @@ def plant_electricity(
     select : mapping of str to value, optional
         Value of every swept parameter.
     inputs : mapping of str to value, optional
-        Inputs of ``PySAM.TcsmoltenSalt`` that override the values of the study and SAM's defaults.
+        Inputs of ``PySAM.TcsmoltenSalt`` that override values from the study and SAM's defaults.
 
     Returns
     -------
     xarray.Dataset
-        Result of `tower_electricity` with local times, and the variables `field_receiver_energy` and `field_heat` of
+        Result of `tower_electricity` with local times, and the variables `field_receiver_energy` and `field_heat` from
         the study [MWh].
 
     Raises
@@ -739,10 +753,10 @@ def _at_directions(
     made: Callable[[xr.Dataset, Mapping[str, Any]], Any],
     changes: Mapping[str, Any] | None = None,
 ) -> Any:
-    """Apply a function to a result over sun directions, which is computed first if the source is not such a result.
+    """Apply the function `made` to a result over sun directions.
 
-    If the study of the result sets `keep`, only the kept heliostats are simulated. The mapping `changes` applies to the
-    study of a result folder.
+    If the source is not a result over sun directions, this result is computed first. If the study sets `keep`, only the
+    kept heliostats are simulated. If the source is a result folder, `changes` are applied to its study.
     """
     from heliosweep.share import sam
     from heliosweep.share.fields import dimension_of, kept_field
@@ -760,7 +774,7 @@ def _at_directions(
     if asked or getattr(getattr(field, "time", None), "clock", "") != "sun":
         field = sam.at_directions(field, azimuth, elevation)
     directed = build(field)
-    # If the kept heliostats replace the layout, the keys of the layout are no longer dimensions.
+    # If the kept heliostats replace the layout, layout keys are no longer dimensions.
     left = {
         key: value for key, value in (select or {}).items() if not kept or dimension_of(directed, key) in directed.dims
     }

@@ -19,14 +19,14 @@ from heliosweep.errors import HeliosweepError, RunInterrupted, printable
 
 EXIT_CODES = """\
 exit codes: 0 success, 1 failure (verify: not intact; compare: not equal), 2 invalid study or usage,
-3 refused by the plan (does not fit), 4 interrupted, can be resumed"""
+3 study too large for this machine, 4 interrupted, can be resumed"""
 
-#: Figure formats. Pages always contain figures in the first format.
+#: Figure formats. HTML reports always contain figures in the first format.
 FIGURES = ("png", "svg", "pdf")
 
 
 class Command(NamedTuple):
-    """Command with its help text, `argparse` arguments, and examples, which omit the name of the command."""
+    """Help text, `argparse` arguments and examples of a command. Examples omit the name of the command."""
 
     help: str
     arguments: tuple[_Argument, ...] = ()
@@ -45,7 +45,7 @@ def _argument(*names: str, **settings: Any) -> _Argument:
 _REMOVED = {
     "--profile": "use --set execution.KEY=VALUE, or include a file with these keys",
     "--compression": "set output.compression in the study",
-    "--ro-crate": "README.md, CITATION.cff and SHA256SUMS describe an archive",
+    "--ro-crate": "archives are described by README.md, CITATION.cff and SHA256SUMS",
 }
 
 
@@ -97,7 +97,7 @@ _EXECUTION = (
     _argument("-o", "--output", metavar="DIR", help="result folder (default: outputs/<study>-<id>)"),
     _argument("--scheduler", metavar="NAME",
              help="threads, processes, synchronous, distributed or tcp://HOST:PORT (default: threads)"),
-    _argument("--workers", metavar="N", help="number of parts computed at the same time (default: all cores)"),
+    _argument("--workers", metavar="N", help="number of parts to compute in parallel (default: all cores)"),
     _argument("--memory", metavar="SIZE", help='memory limit, such as "2 GB" (default: free memory)'),
     _removed("--profile"),
 )  # fmt: skip
@@ -106,7 +106,7 @@ _ANGLES = "in deg, such as 0,30,60 or START:STOP:STEP"
 
 COMMANDS: dict[str, Command] = {
     "validate": Command(
-        "check study files and list all problems with their lines",
+        "check study files and list all problems with their line numbers",
         (_STUDIES, _SET),
         ("my_field.yaml", "studies/*.yaml", "my_field.yaml --set receiver.height=90"),
     ),
@@ -116,7 +116,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", 'my_field.yaml --set "site.latitude=[0, 20, 40]"'),
     ),
     "run": Command(
-        "run or resume studies, and print the path of the result (or one line for each of several studies)",
+        "run or resume studies, and print the path of the result (or one line per study)",
         (
             _STUDIES,
             *_EXECUTION,
@@ -148,7 +148,7 @@ COMMANDS: dict[str, Command] = {
         "compare two results by content, or write a page comparing several",
         (
             _argument("first", metavar="A", help="result folder, NetCDF file, or a study that has been run"),
-            _argument("others", metavar="B", nargs="+", help="result to compare with A; several with --page"),
+            _argument("others", metavar="B", nargs="+", help="result to compare with A; more than one requires --page"),
             _argument(
                 "--page",
                 metavar="FILE.html",
@@ -188,16 +188,16 @@ COMMANDS: dict[str, Command] = {
             _argument(
                 "target",
                 metavar="FILE.csv",
-                help=("or STUDY.yaml to write a study, with its tables, from a PAINT folder"),
+                help=("output file; STUDY.yaml writes a study and its tables from a PAINT folder"),
             ),
             _argument(
                 "--to",
                 choices=("solarpilot", "csv", "spots", "corrections"),
-                help="format (default: solarpilot; csv for a PAINT folder); spots: measured spots of a PAINT folder; "
-                "corrections: estimated errors of a calibration, for the controller",
+                help="format (default: solarpilot; csv for a PAINT folder); spots: measured spots from a PAINT folder; "
+                "corrections: estimated mount errors from a calibration, for the heliostat controller",
             ),
-            _argument("--select", **_SELECT, help="choose one point of a result with several points (repeatable)"),
-            _argument("--aim", metavar="NAME", default="receiver", help="target of a PAINT folder (default: receiver)"),
+            _argument("--select", **_SELECT, help="select one point of a result with several points (repeatable)"),
+            _argument("--aim", metavar="NAME", default="receiver", help="target in a PAINT folder (default: receiver)"),
             _force(),
         ),
         ("my_field.yaml positions.csv", "positions.csv field.csv --to csv"),
@@ -217,12 +217,12 @@ COMMANDS: dict[str, Command] = {
                 "--azimuth", type=_angles, help=f"sun azimuth from north, clockwise, {_ANGLES} (default: 0:360:15)"
             ),
             _argument("--elevation", type=_angles, help=f"sun elevation {_ANGLES} (default: 0:90:5)"),
-            _argument("--select", **_SELECT, help="choose a point of the sweep (repeatable)"),
+            _argument("--select", **_SELECT, help="select a point of the sweep (repeatable)"),
             _argument(
                 "--factor",
                 type=float,
                 default=1.0,
-                help="product of the factors that are not computed, such as absorptance, 0 to 1 (default: 1)",
+                help="product of efficiency factors that are not computed, such as absorptance, 0 to 1 (default: 1)",
             ),
             _argument("--flux-maps", metavar="FILE.csv", help="also write the flux maps of the SAM power tower"),
             _force(),
@@ -239,7 +239,7 @@ COMMANDS: dict[str, Command] = {
                 metavar="FILE.nc",
                 help="write the hourly values to this file (default: electricity.nc in the result folder)",
             ),
-            _argument("--select", **_SELECT, help="choose a point of the sweep (repeatable)"),
+            _argument("--select", **_SELECT, help="select a point of the sweep (repeatable)"),
             _argument(
                 "--sam",
                 metavar="NAME=VALUE",
@@ -259,7 +259,7 @@ COMMANDS: dict[str, Command] = {
             _argument("--longitude", type=float, required=True, metavar="DEG", help="longitude, positive east"),
             _argument("-o", "--output", metavar="FILE.csv", help="write this file", required=True),
             _argument("--year", type=int, metavar="N", help="calendar year (default: a typical year)"),
-            _argument("--url", metavar="URL", help="address of the service (default: the public one)"),
+            _argument("--url", metavar="URL", help="URL of the data service (default: the public service)"),
             _force(),
         ),
         (
@@ -307,13 +307,16 @@ COMMANDS: dict[str, Command] = {
         "explain a study key (unit, range, default, forms) or a result variable",
         (
             _argument(
-                "of", nargs="+", metavar="[FAMILY] KEY", help="key, such as receiver.height; a family lists its keys"
+                "of",
+                nargs="+",
+                metavar="[FAMILY] KEY",
+                help="key, such as receiver.height; a family alone lists its keys",
             ),
         ),
         ("receiver.height", "field_receiver_energy", "field_efficiency optics", "field_efficiency"),
     ),
     "examples": Command(
-        "list the shipped studies, or copy some of them",
+        "list the bundled studies, or copy some of them",
         (
             _argument("names", nargs="*", metavar="NAME", help="studies to copy with their input files"),
             _argument("--to", metavar="DIR", default=".", help="copy to this folder (default: current folder)"),
@@ -328,7 +331,7 @@ COMMANDS: dict[str, Command] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command with the given arguments (default: those of the process), and return its exit code."""
+    """Run a command with the given arguments (default: `sys.argv`), and return its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -359,7 +362,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the command-line parser, which stores the name of the command as `command`."""
+    """Return the command-line parser. The parser stores the name of the command as `command`."""
     main = _Parser(
         prog="heliosweep",
         description="Batch studies of solar-concentrator tracking and optics: from a YAML file to a NetCDF data set.",

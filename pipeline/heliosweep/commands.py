@@ -1,4 +1,4 @@
-"""Functions that carry out the commands in `cli.COMMANDS` with the parsed command-line options."""
+"""Functions that run the commands in `cli.COMMANDS` with parsed command-line options."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from heliosweep.runs.run import plan_text
 from heliosweep.share import guide
 from heliosweep.store.folder import OUTPUTS, check_digest, locate, sources_of, status_lines, target_file, verify
 
-#: Suffixes of the table files that `_export` can write.
+#: Suffixes of the files that `_export` can write.
 _TABLES = (".csv", ".xlsx")
 
 
 class Formatter(logging.Formatter):
-    """Formatter that escapes control characters, and adds the name of the current study if several studies are run."""
+    """Formatter that escapes control characters and, if several studies are run, adds the name of the current study."""
 
     study = ""
 
@@ -51,7 +51,7 @@ def carry_out(options: argparse.Namespace) -> int:
 
 
 def refused(error: HeliosweepError | OSError, study: str = "") -> int:
-    """Print the error of a command, with the name of the study if several studies are run; return the exit code."""
+    """Print the error of a command, preceded by the name of the study if one is given, and return the exit code."""
     text = str(error)
     if isinstance(error, OSError):
         text = f"{error.strerror or error}: {error.filename or ''}".rstrip(": ")
@@ -107,7 +107,7 @@ def _run(options: argparse.Namespace) -> int:
         )
     if several and not options.verbose:
         log.setLevel(logging.WARNING)  # one line for each study
-    _execution(options)  # prints an error in the options only once
+    _execution(options)  # reports an invalid option once rather than once per study
     failed: dict[str, int] = {}
     for path in dict.fromkeys(options.studies):
         Formatter.study = path if several else ""
@@ -181,11 +181,11 @@ def _export(options: argparse.Namespace) -> Path:
 
 
 def _read_for(source: str) -> set[Path]:
-    """Return the files that a command reads if its source is a study file, a layout or a result folder."""
+    """Return the files that a command reads from a source, which is a study file, a layout or a result folder."""
     path = user_path(source)
     files, study = {path}, path / "study.resolved.yaml" if path.is_dir() else path
     if study.suffix.lower() in (".yaml", ".yml"):
-        with suppress(HeliosweepError, OSError):  # problems in a study are reported when the study is used
+        with suppress(HeliosweepError, OSError):  # problems in a study are reported later, when the study is used
             files |= sources_of(heliosweep.load(study))
     return files
 
@@ -243,7 +243,7 @@ def _electricity(options: argparse.Namespace) -> list[Path | str]:
     return [
         f"electricity: {number['electricity']:,.0f} MWh, {cost}",
         f"turbine: {number['turbine_power']:,.1f} MW, capacity factor {number['capacity_factor']:.1%}",
-        f"heat of the receiver: {float(year.receiver_heat.mean()) * 8760:,.0f} MWh with start-up and full storage, "
+        f"receiver heat: {float(year.receiver_heat.mean()) * 8760:,.0f} MWh with start-up and full storage, "
         f"{number.get('field_heat', number['field_receiver_energy']):,.0f} MWh in the study",
         file,
     ]
@@ -261,7 +261,7 @@ def _setup(_: argparse.Namespace) -> str:
 
     began = time.perf_counter()
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        # studies that together call all kernels, in descending order of compilation time
+        # Together, these studies call all kernels. They are in descending order of compilation time.
         fresh = any(list(pool.map(_compile, (
             "chong2012_table1", "surround_energy", "calibration_synthetic", "defieux2020_table1", "gazing_measured",
             "deviation_curves", "mount_error_monte_carlo", "detectors_closed_loop", "dish_world", "liu2022_table2",
@@ -271,7 +271,7 @@ def _setup(_: argparse.Namespace) -> str:
 
 
 def _compile(name: str) -> bool:
-    """Compile the kernels of an included study, and return True if any kernel was not yet compiled."""
+    """Compile the kernels of a bundled study, and return True if any kernel had not been compiled."""
     from heliosweep.families.lookup import family_of
     from heliosweep.share.guide import shipped
 
@@ -279,7 +279,7 @@ def _compile(name: str) -> bool:
     return family_of(study).prepare(study)[1]
 
 
-#: Function of each command in `cli.COMMANDS`. Each function returns an exit code or the lines to print.
+#: Function that runs each command in `cli.COMMANDS` and returns an exit code or the lines to print.
 COMMANDS: dict[str, Callable[[argparse.Namespace], Any]] = {
     "validate": _validate,
     "plan": _plan,

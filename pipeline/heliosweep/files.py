@@ -1,4 +1,4 @@
-"""Functions that read and write files, resolve user paths, lock the NetCDF library, and count processors."""
+"""Functions to read and write files, resolve user paths, lock the NetCDF library, and count processors."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ PVLIB = "pvlib:"
 
 
 def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Cache up to `most` results of a function whose first argument is a file, until this file changes.
+    """Cache up to `most` results of a function whose first argument is a file, until the file changes.
 
-    A file that was changed in the last 20 ms is not cached: another change could have the same time stamp.
+    A result is not cached if the file changed within the last 20 ms, because a later change could have the same time
+    stamp.
     """
 
     def decorated(read: Callable[..., T]) -> Callable[..., T]:
@@ -39,7 +40,7 @@ def read_once(most: int) -> Callable[[Callable[..., T]], Callable[..., T]]:
 
         @wraps(read)
         def reading(path: Path, *args: Any, **kwargs: Any) -> T:
-            with suppress(OSError, ValueError):  # for example, because the name contains a NUL character
+            with suppress(OSError, ValueError):  # for example, if the name contains a NUL character
                 status = path.stat()
                 if not 0 <= time.time_ns() - status.st_mtime_ns < 20_000_000:
                     return kept((status.st_mtime_ns, status.st_size), path, *args, **kwargs)
@@ -56,14 +57,14 @@ def user_path(path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     StudyError
-        If the home folder does not exist, or if `path` is an address such as ``s3://bucket/folder``.
+        If the home folder does not exist, or if `path` is a URL such as ``s3://bucket/folder``.
     """
     name = os.fspath(path)
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", name):  # such as s3://bucket, but not a drive letter such as C:
-        raise StudyError(Problem("is an address, not a path on this machine; name a local file or folder", file=name))
+        raise StudyError(Problem("is a URL, not a path on this machine; specify a local file or folder", file=name))
     expanded = os.path.expanduser(name)  # noqa: PTH111  # pathlib also expands "./~" to the home folder
     if expanded == name and name.startswith("~"):
-        problem = "there is no such home folder; if it is the name of a file, write ./ before it, or give its full path"
+        problem = "there is no such home folder; for a file with this name, use a ./ prefix or the full path"
         raise StudyError(Problem(problem, file=name))
     place = Path(expanded)  # `Path` drops the "./" of "./~"
     return place.absolute() if place.parts[:1] and place.parts[0].startswith("~") else place
@@ -72,7 +73,7 @@ def user_path(path: str | os.PathLike[str]) -> Path:
 def named_in(folder: Path, name: str) -> Path:
     """Return the path of a file whose name is relative to `folder`, or begins with ``~`` or ``pvlib:``.
 
-    Raises StudyError as `user_path` does.
+    Raises StudyError under the same conditions as `user_path`.
     """
     if name.startswith(PVLIB):
         spec: Any = importlib.util.find_spec("pvlib")  # finds pvlib without importing it
@@ -90,7 +91,9 @@ def seen_from(folder: Path, path: Path) -> str:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary name for a file, and rename the file to `path` when it is complete and on disk.
+    """Yield a temporary file name, and rename the complete file to `path`.
+
+    The file is flushed to disk before it is renamed.
 
     Parameters
     ----------
@@ -100,7 +103,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     Yields
     ------
     pathlib.Path
-        Unique name in the folder of `path`.
+        Unique file name in the folder of `path`.
 
     Raises
     ------
@@ -119,7 +122,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file completely or not at all, with invalid characters escaped.
+    """Write a file atomically. Characters that UTF-8 cannot encode are escaped.
 
     Raises
     ------
@@ -132,7 +135,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 
 def write_rows(rows: Iterable[Iterable[object]], path: Path, notes: Iterable[str] = ()) -> None:
-    """Write `notes` and rows to a UTF-8 CSV file, completely or not at all. Raises HeliosweepError on failure."""
+    """Write comment lines and rows to a UTF-8 CSV file atomically. Raises HeliosweepError on failure."""
     with written_whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         file.writelines(f"# {line}\n" for line in notes)
         csv.writer(file, lineterminator="\n").writerows(rows)
@@ -140,7 +143,7 @@ def write_rows(rows: Iterable[Iterable[object]], path: Path, notes: Iterable[str
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Convert an OSError that is raised while a file is written to a HeliosweepError that gives the reason.
+    """Convert an OSError during writing to a HeliosweepError that states the reason.
 
     Raises
     ------
@@ -154,19 +157,19 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def why_not_written(path: Path, error: Exception) -> str:
-    """Return the reason why a file or folder could not be written, and the free disk space.
+    """Return a message with the reason for a failed write and the free disk space.
 
     Parameters
     ----------
     path : pathlib.Path
-        File or folder to write, which need not exist.
+        File or folder that could not be written, which need not exist.
     error : OSError or RuntimeError
         Error raised by the operating system or by a library.
 
     Returns
     -------
     str
-        Reason such as ``result.nc: cannot be written: disk full (12.3 kB free)``.
+        Message such as ``result.nc: cannot be written: disk full (12.3 kB free)``.
     """
     there = next(place for place in (path, *path.absolute().parents) if place.exists())
     free = shutil.disk_usage(there).free
@@ -189,7 +192,7 @@ def temporary_name(path: Path) -> Path:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files of earlier runs in this process, and of processes on this machine that have ended."""
+    """Remove temporary files left by this process and by processes on this machine that have ended."""
     for path in folder.glob(f".*.{platform.node()}.*-*.part"):
         pid = path.name.split(".")[-2].partition("-")[0]
         if pid.isdecimal() and (int(pid) == os.getpid() or not psutil.pid_exists(int(pid))):
@@ -197,10 +200,10 @@ def remove_leftovers(folder: Path) -> None:
 
 
 class _LibraryLock:
-    """Reentrant lock for the NetCDF library. The lock can be pickled, and each process has one lock.
+    """Reentrant lock for the NetCDF library. Each process has one lock, which can be pickled.
 
-    Only one thread at a time may call the library, even for different files. When xarray reads values, it acquires
-    the lock that it was given, but it does not when it opens files or reads attributes.
+    Only one thread at a time may call the library, even for different files. xarray acquires this lock to read values,
+    but not to open files or to read attributes.
     """
 
     def __init__(self) -> None:

@@ -113,7 +113,7 @@ def test_sam_gets_the_plant_of_the_study(folder, sam, capsys):
         assert year.attrs["study_id"] == here.attrs["study_id"]
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "electricity: 5,000 MWh, 41.0 USD/MWh"
-    assert printed[-2].startswith("heat of the receiver: 17,520 MWh with start-up and full storage, ")
+    assert printed[-2].startswith("receiver heat: 17,520 MWh with start-up and full storage, ")
     assert printed[-1] == str(target)
 
 
