@@ -132,9 +132,15 @@ def window_errors(
     *parameters, limits = np.broadcast_arrays(*np.atleast_1d(*mount))
     parameters = [np.asarray(values, np.float64).ravel() for values in parameters]
     chain = _chain(model, *parameters) - _chain(RIGID, *np.zeros((6, 1)))  # minus the chain of a mount without errors
+    only_leans = (model == RIGID) & ~np.any(parameters[2:], axis=0)
+    scale = np.where(only_leans, 2.0 * np.sin(0.5 * parameters[0]), 0.0)
+    leans = np.stack((scale, np.sin(parameters[1]), np.cos(parameters[1])), axis=1)
     shape = np.broadcast_shapes(*map(np.shape, mount))
     errors = np.empty((3, limits.size, len(windows.starts) - 1))
-    _window_errors(*windows, chain.reshape(len(chain), 3, 9), limits.ravel().astype(np.float64), errors)
+    order, found = np.argsort(parameters[1], kind="stable"), np.empty_like(errors)
+    table = chain.reshape(len(chain), 3, 9), leans, limits.ravel().astype(np.float64)
+    _window_errors(*windows, *(values[order] for values in table), found)
+    errors[:, order] = found
     mean, largest, clipped = errors.reshape(3, *shape, errors.shape[2])
     return mean, largest, clipped
 
@@ -172,14 +178,34 @@ def _chain(
 
 @kernel
 def _window_errors(
-    rows: Floats, weights: Floats, starts: Integers, chains: Floats, limits: Floats, errors: Floats
+    rows: Floats, weights: Floats, starts: Integers, chains: Floats, leans: Floats, limits: Floats, errors: Floats
 ) -> None:
-    """Write `errors`, shape (3, C, W), for `chains` of shape (C, 3, 9) and `limits` of shape (C,)."""
+    """Write `errors`, shape (3, C, W), for `chains` of shape (C, 3, 9) and `limits` of shape (C,).
+
+    `leans`, shape (C, 3), contains a scale, and the sine and cosine of the direction. If tilt is the only error of a
+    rigid mount, the chord is scale |u x s|, where s is the direction to the sun. The scale of all other mounts is 0.
+    Mounts with small tilts in the same direction share the sums of the powers of |u x s|.
+    """
     windows, arc, total = len(starts) - 1, np.empty(weights.size), np.full(len(starts) - 1, math.nan)
     for w in range(windows):
         if starts[w] < starts[w + 1]:
             total[w] = np.sum(weights[starts[w] : starts[w + 1]])
+    sums, top = np.zeros((windows, len(ARC))), np.zeros(windows)
+    last_west = last_south = math.nan
     for c in range(len(chains)):
+        scale, west, south = leans[c, 0], leans[c, 1], leans[c, 2]
+        if 0.0 < scale < SMALL and limits[c] == math.inf:
+            if west != last_west or south != last_south:
+                last_west, last_south = west, south
+                _sum_powers(rows, weights, starts, west, south, arc, sums, top)
+            for w in range(windows):
+                series = 0.0
+                for j in range(len(ARC) - 1, -1, -1):
+                    series = ARC[j] * sums[w, j] + scale * scale * series
+                errors[0, c, w] = errors[2, c, w] = scale * series / total[w]
+                largest = 2.0 * math.asin(0.5 * scale * top[w])
+                errors[1, c, w] = largest if errors[0, c, w] == errors[0, c, w] else math.nan
+            continue
         x0, x1, x2, x3, x4, x5, x6, x7, x8 = _nine(chains[c, 0])
         y0, y1, y2, y3, y4, y5, y6, y7, y8 = _nine(chains[c, 1])
         z0, z1, z2, z3, z4, z5, z6, z7, z8 = _nine(chains[c, 2])
@@ -215,3 +241,19 @@ def _window_errors(
 def _nine(row):
     """Return the nine numbers of a row as scalars, so that loops do not load them at each instant."""
     return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8]
+
+
+@inline
+def _sum_powers(rows, weights, starts, west, south, length, sums, top):
+    """Sum the odd powers of |u x s| over each window, and find the maximum of |u x s|."""
+    for t in range(length.size):
+        along = rows[2, t] * (south * rows[1, t] - west * rows[0, t])
+        length[t] = math.sqrt(along * along + rows[3, t] * rows[3, t])
+    for w in range(len(top)):
+        sums[w], top[w] = 0.0, 0.0
+        for t in range(starts[w], starts[w + 1]):
+            top[w] = max(top[w], length[t])
+            power = length[t] * weights[t]
+            for j in range(len(ARC)):
+                sums[w, j] += power
+                power *= length[t] * length[t]
