@@ -1,19 +1,19 @@
 """Encoder angles, spots, deviation curves and calibration of heliostat mounts, without a study file.
 
-Coordinates are x east, y north and z up [m]. Azimuths run clockwise from north [deg]. Spots lie on the plane of a flat
-receiver through the aim point. For an observer in the field who looks at the receiver, the spot coordinate y points to
-the right, and z points up along the face of the receiver [m].
+Coordinates are x east, y north and z up [m]. Azimuths run clockwise from north [deg]. Spots lie in the plane of a flat
+receiver through the aim point. Seen from the field, the spot coordinate y points to the right, and z points up along
+the receiver face [m].
 
-A mount has a primary axis and a secondary axis perpendicular to the primary axis. If the primary axis is vertical and
+A mount has a primary axis, and a secondary axis perpendicular to the primary axis. If the primary axis is vertical and
 the mount has no errors, the two axes are the azimuth and elevation axes. The mount errors [mrad], in the order of
 `ERRORS`, are:
 
-- ``azimuth_reference``: offset of the primary encoder's zero, positive clockwise as seen from the end of the axis;
-- ``elevation_reference``: offset of the secondary encoder's zero, positive up;
-- ``tilt_about_east``, ``tilt_about_north``: tilt of the primary axis about the first and second axis of the mount's
-  frame, east and north for a vertical primary axis;
+- ``azimuth_reference``: zero offset of the primary encoder, positive clockwise as seen from the end of the axis;
+- ``elevation_reference``: zero offset of the secondary encoder, positive up;
+- ``tilt_about_east``, ``tilt_about_north``: tilts of the primary axis about the first and second axes of the mount
+  frame, which are east and north for a vertical primary axis;
 - ``non_orthogonality``: angle between the secondary axis and the plane perpendicular to the primary axis;
-- ``collimation``: angle between the mirror's normal and the plane perpendicular to the secondary axis.
+- ``collimation``: angle between the mirror normal and the plane perpendicular to the secondary axis.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ SPOT_STATUS = {
     aiming.BLIND_CONE: "mount_cannot_point_there",
     aiming.TOO_NEAR: "offsets_not_smaller_than_the_distance",
 }
-#: Meanings of `calibration_status`, in which % stands for the word "spot" or "crossing".
+#: Meanings of `calibration_status`, in which % is replaced by "spot" or "crossing".
 CALIBRATION_STATUS = {
     calibration.ESTIMATED: "estimated",
     calibration.TOO_FEW: "fewer_%s_than_the_errors_need",
@@ -62,36 +62,40 @@ def mount_angles(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, pivot: Any, aim: ArrayLike, *, kind: str = "azimuth_elevation",
     errors: Any = None, **mount: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the encoder angles at which mounts reflect the sun to their aim points.
+    """Compute the encoder angles at which mounts reflect sunlight to their aim points.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Azimuth and elevation of the sun. [deg]
     pivot : array, DataFrame, Dataset or mapping
-        Pivots of the mounts: shape (3,) or (N, 3), or with columns x, y and z. [m]
+        Pivots of the mounts, as an array of shape (3,) or (N, 3) or as columns x, y and z. [m]
     aim : float or array, shape (3,) or (N, 3)
         Aim points, or the height of an aim point at x = y = 0. [m]
     kind : {'azimuth_elevation', 'target_aligned', 'polar', 'tilt_roll'}
-        Kind of mount. The primary axis is vertical, points to the aim point, points to the celestial north pole, or is
-        horizontal, respectively.
+        Kind of mount. The primary axis is vertical ('azimuth_elevation'), points to the aim point ('target_aligned'),
+        points to the celestial north pole ('polar'), or is horizontal ('tilt_roll').
     errors : mapping or array, shape (K,) or (N, K), optional
-        Mount errors that the encoder angles correct, by name or as the first K of `ERRORS` (default: no errors). [mrad]
+        Mount errors for which the encoder angles compensate, by name or as the first K of `ERRORS` (default: no
+        errors). [mrad]
     **mount : float
-        ``latitude`` of a polar mount, and ``axis_azimuth`` of the primary axis of a tilt-roll mount [deg];
-        ``mirror_offset``, the distance of the mirror's centre in front of the secondary axis; ``axis_offset``, the
-        distance of the secondary axis in front of the primary axis; ``pedestal_height``, the height of the pivot above
-        the point about which the mount tilts [m]; ``receiver_azimuth`` and ``receiver_tilt``, the azimuth of the
-        receiver's normal (0 for a field to the north) and the tilt of the normal above the horizontal, which do not
-        change the angles [deg].
+        Other properties of the mount and the receiver:
+
+        - ``latitude`` of a polar mount, or ``axis_azimuth`` of the primary axis of a tilt-roll mount [deg];
+        - ``mirror_offset``, the distance of the mirror centre in front of the secondary axis [m];
+        - ``axis_offset``, the distance of the secondary axis in front of the primary axis [m];
+        - ``pedestal_height``, the height of the pivot above the point about which the mount tilts [m];
+        - ``receiver_azimuth`` and ``receiver_tilt``, the azimuth of the receiver normal (0 for a field to the north)
+          and its tilt above the horizontal, which do not affect the angles [deg].
 
     Returns
     -------
     xarray.Dataset
-        `primary_angle` is measured from the zero of the mount's frame (north for a vertical axis), positive clockwise
-        as seen from the end of the axis. `secondary_angle` is measured from the plane perpendicular to the primary
-        axis. The dimensions are heliostat (omitted for a single pivot) and time (omitted for a single instant). Angles
-        are NaN if the sun is below the horizon, or if the mount cannot point in the required direction. [deg]
+        The variable `primary_angle` is measured from the zero direction of the mount frame (north for a vertical axis),
+        positive clockwise as seen from the end of the axis. The variable `secondary_angle` is measured from the plane
+        perpendicular to the primary axis. The dimensions are ``heliostat`` (omitted for a single pivot) and ``time``
+        (omitted for a single instant). Angles are NaN if the sun is below the horizon, or if the mount cannot point in
+        the required direction. [deg]
 
     Raises
     ------
@@ -101,7 +105,7 @@ def mount_angles(
 
     References
     ----------
-    Optics Express 27(8), A257 (2019), here with all six errors and the offsets.
+    Optics Express 27(8), A257 (2019), extended to all six errors and the offsets.
 
     Examples
     --------
@@ -118,7 +122,7 @@ def mount_spots(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, pivot: Any, aim: ArrayLike, errors: Any = None, *,
     corrected: Any = None, kind: str = "azimuth_elevation", **mount: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute where the spots of mounts with errors fall on the receiver plane.
+    """Compute the positions of heliostat spots on the receiver plane for given mount errors.
 
     Parameters
     ----------
@@ -127,14 +131,14 @@ def mount_spots(
     errors : mapping or array, shape (K,) or (N, K), optional
         Mount errors, by name or as the first K of `ERRORS` (default: no errors). [mrad]
     corrected : mapping or array, optional
-        Mount errors that the commanded angles correct (default: no errors). [mrad]
+        Mount errors for which the commanded angles compensate (default: no errors). [mrad]
 
     Returns
     -------
     xarray.Dataset
-        `spot_y` and `spot_z` are the coordinates of the spots [m]; NaN if the ray from the mirror's centre does not
-        reach the plane. `spot_status` gives the reason. The dimensions are heliostat (omitted for a single pivot) and
-        time (omitted for a single instant).
+        The variables `spot_y` and `spot_z` are the coordinates of the spots; NaN if the ray from the mirror centre does
+        not reach the plane [m]. The variable `spot_status` gives the reason. The dimensions are ``heliostat`` (omitted
+        for a single pivot) and ``time`` (omitted for a single instant).
 
     Raises
     ------
@@ -163,24 +167,24 @@ def deviation_curve(
     source: str = "canting", axis: str = "elevation", width: float, height_extent: float, errors: Any = None,
     kind: str = "azimuth_elevation", **mount: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the spots of mounts as a function of the size of one error, and the tracking tolerance.
+    """Compute spots as a function of the size of one error, and the tracking tolerance.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
-        As in `mount_angles`, without ``axis_offset``.
+        As in `mount_angles`, but without ``axis_offset``.
     size : array, shape (E,), optional
         Sizes of the error. [mrad]
     source : {'canting', 'encoder', 'tilt'}
-        Source of the error: the mirror rotates about its centre ('canting'), about the pivot ('encoder'), or with the
-        whole mount about the base ('tilt').
+        Source of the error. The mirror rotates about its centre ('canting') or about the pivot ('encoder'), or the
+        whole mount rotates about its base ('tilt').
     axis : {'elevation', 'azimuth', 'encoder_azimuth'}
         Axis of rotation: the horizontal axis in the mirror ('elevation'), the axis up the slope of the mirror
         ('azimuth'), or the primary axis ('encoder_azimuth'). A positive error about the horizontal axis raises the
-        normal of the mirror. A positive error about another axis is clockwise as seen from the end of the primary axis.
+        mirror normal. A positive error about either of the other axes is clockwise as seen from the end of the primary
+        axis.
     width, height_extent : float
-        Width of the aperture, and height of the aperture along the face of the receiver. The aim point is the centre of
-        the aperture. [m]
+        Width of the aperture, and its height along the receiver face. The aim point is the centre of the aperture. [m]
     errors : mapping or array, shape (K,) or (N, K), optional
         Other mount errors, by name or as the first K of `ERRORS` (default: no errors). [mrad]
 
@@ -188,10 +192,10 @@ def deviation_curve(
     -------
     xarray.Dataset
         Variables `spot_y`, `spot_z` and `spot_status` as in `mount_spots`, with the additional dimension ``size``. The
-        variable `tracking_tolerance` is the minimum magnitude of the error at which the spot leaves the aperture. The
-        tolerance is infinite if the spot never leaves the aperture, 0 if the spot is outside the aperture without the
-        error, and NaN if there is no spot [mrad]. `eccentricity` is the eccentricity of the deviation curve, or NaN if
-        the curve is not a conic section [1].
+        variable `tracking_tolerance` is the minimum magnitude of the error at which the spot leaves the aperture
+        [mrad]. The tolerance is infinite if the spot never leaves the aperture, 0 if the spot is outside the aperture
+        even without the error, and NaN if there is no spot. The variable `eccentricity` is the eccentricity of the
+        deviation curve, or NaN if the curve is not a conic section [1].
 
     Raises
     ------
@@ -215,7 +219,7 @@ def deviation_curve(
         raise ValueError("`width` and `height_extent` must be above 0 m, and `size` must have one dimension")
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, width=width, height_extent=height_extent, **mount)
     if scene.mounts.offsets[1] != 0.0:
-        raise ValueError("curves of a single error need an axis offset of 0")
+        raise ValueError("deviation curves require an `axis_offset` of 0")
     found = spots.deviation_curves(
         scene.setting,
         np.full(len(scene.pivots), _code("source", source, SOURCES)),
@@ -229,7 +233,7 @@ def deviation_curve(
         "tracking_tolerance": (
             (),
             1e3 * found.tolerance[:, 0],
-            {"units": "mrad", "long_name": "minimum error of either sign at which the spot leaves the aperture"},
+            {"units": "mrad", "long_name": "minimum magnitude of the error at which the spot leaves the aperture"},
         ),
         "eccentricity": ((), found.conic[6, :, 0], {"units": "1", "long_name": "eccentricity of the deviation curve"}),
     }
@@ -251,28 +255,29 @@ def calibrate_mount(
     spot_y, spot_z : array or DataArray, shape (T,) or (N, T)
         Coordinates of the measured spots; NaN for missing spots. [m]
     angles : Dataset or mapping, optional
-        Commanded angles `primary_angle` and `secondary_angle`, each of shape (T,) or (N, T) (default: `mount_angles`
-        without errors). [deg]
+        Commanded angles `primary_angle` and `secondary_angle`, each of shape (T,) or (N, T) (default: angles from
+        `mount_angles` without errors). [deg]
     weight : float or array, shape (T,) or (N, T)
-        Weights of the spots as inverse variances in any unit; 0 for spots to ignore.
+        Weights of the spots, as inverse variances in any unit; 0 for spots to ignore.
     parameters : {2, 4, 6}
         Number of errors to estimate: 2 (encoder references), 4 (encoder references and tilts) or 6 (all errors).
     loss : {'squared', 'huber', 'cauchy'}
-        Loss function that is applied to each residual.
+        Loss function applied to each residual.
     loss_scale : float
-        Residual above which a robust loss function increases more slowly than the square of the residual. [m]
+        Residual above which the robust loss functions increase more slowly than the squared residual. [m]
     condition_limit : float, optional
         Condition number above which `calibration_status` is 2 (default: 100, or 1000 for six errors). [1]
 
     Returns
     -------
     xarray.Dataset
-        Variables `estimated_error` and `standard_error` with the dimension ``parameter`` [mrad]. The arguments `errors`
-        and `corrected` of other functions accept the estimated errors. The residuals `residual_y` and `residual_z` are
-        the measured minus the predicted coordinates of the spots [m]. `condition_number` is the condition number of the
-        Jacobian [1]. `calibration_status` is 0 (errors estimated), 1 (too few spots), 2 (condition number above the
-        limit), 3 (not converged), 4 (the spots do not distinguish the errors), 5 (too few spots for standard errors) or
-        6 (no spot). Values are NaN if there is no estimate. The other dimensions are as in `mount_spots`.
+        Variables `estimated_error` and `standard_error` with the dimension ``parameter`` [mrad]. The estimated errors
+        can be passed as `errors` or `corrected` to other functions. The variables `residual_y` and `residual_z` are the
+        measured minus the predicted spot coordinates [m]. The variable `condition_number` is the condition number of
+        the Jacobian [1]. The variable `calibration_status` is 0 (errors estimated), 1 (too few spots), 2 (condition
+        number above the limit), 3 (not converged), 4 (spots do not distinguish the errors), 5 (too few spots for
+        standard errors) or 6 (no spots). Values are NaN if there is no estimate. The other dimensions are as in
+        `mount_spots`.
 
     Raises
     ------
@@ -282,7 +287,7 @@ def calibrate_mount(
 
     References
     ----------
-    Optics Express 27(8), A257 (2019); Huber and Ronchetti (2009), Robust Statistics, Sect. 7.6, for standard errors.
+    Optics Express 27(8), A257 (2019). Standard errors: Huber and Ronchetti (2009), Robust Statistics, Sect. 7.6.
 
     Examples
     --------
@@ -294,7 +299,7 @@ def calibrate_mount(
     [1.0, -2.0, 0.5, 0.3]
     """
     if parameters not in CONDITION_LIMITS or not loss_scale > 0.0:
-        raise ValueError(f"`parameters` must be 2, 4 or 6, `loss_scale` above 0 m (got {parameters}, {loss_scale})")
+        raise ValueError(f"`parameters` must be 2, 4 or 6, and `loss_scale` above 0 m (got {parameters}, {loss_scale})")
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, **mount)
     count, instants = len(scene.pivots), (len(scene.sun),)
 
@@ -321,7 +326,7 @@ def calibrate_mount(
             f"residual_{side}": (
                 (),
                 found.residual[..., k],
-                {"units": "m", "long_name": "measured minus predicted spot"},
+                {"units": "m", "long_name": "measured minus predicted spot coordinate"},
             )
             for k, side in enumerate("yz")
         },
@@ -343,26 +348,25 @@ def error_changes(
     estimated_error: ArrayLike, standard_error: ArrayLike, freedom: ArrayLike, *, dim: str = "period",
     confidence: float = 0.999,
 ) -> xr.Dataset:  # fmt: skip
-    """Compare estimated mount errors with the first estimates, and flag significant changes.
+    """Compare estimated mount errors with the first estimate, and flag significant changes.
 
     Parameters
     ----------
     estimated_error, standard_error : array, shape (P, ...), or DataArray with `dim`
-        Estimated errors in P periods and their standard errors, from `calibrate_mount`; NaN for missing estimates.
-        [mrad]
+        Errors estimated by `calibrate_mount` in P periods, and their standard errors; NaN for missing estimates. [mrad]
     freedom : array, shape (P, ...), or DataArray
-        Degrees of freedom of the estimates: two for each spot, minus the number of estimated errors.
+        Degrees of freedom of the estimates: twice the number of spots minus the number of estimated errors.
     dim : str
-        Dimension of the periods.
+        Name of the period dimension.
     confidence : float
         Probability that an unchanged error is not flagged as changed.
 
     Returns
     -------
     xarray.Dataset
-        `change` is the change since the first estimate, and `change_error` is the standard error of the change [mrad].
-        `changed` is 1 if the confidence interval of the change (t distribution) excludes 0, 0 if the interval includes
-        0, and -1 if there is no change to test.
+        The variable `change` is the change since the first estimate, and `change_error` is its standard error [mrad].
+        The variable `changed` is 1 if the confidence interval of the change (t distribution) excludes 0, 0 if the
+        interval includes 0, and -1 if there is no change to test.
 
     Raises
     ------
@@ -371,7 +375,7 @@ def error_changes(
 
     References
     ----------
-    B. L. Welch (1947), Biometrika 34, 28, for the degrees of freedom of a difference.
+    Degrees of freedom of a difference: B. L. Welch (1947), Biometrika 34, 28.
 
     Examples
     --------
@@ -391,7 +395,9 @@ def error_changes(
         *(each if hasattr(each, "dims") else xr.DataArray(each, dims=inner[: np.ndim(each)]) for each in given)
     )
     if dim not in value.dims or value.ndim > max(np.ndim(estimated_error), 1):
-        raise ValueError(f"`estimated_error` must have the dimension {dim!r}, and the others its dimensions")
+        raise ValueError(
+            f"`estimated_error` must have the dimension {dim!r}, and the other arrays only dimensions of this array"
+        )
     known = value.notnull() & error.notnull() & (free > 0)
     first = {dim: known.argmax(dim)}
     later = known & (xr.DataArray(np.arange(value.sizes[dim]), dims=dim) > first[dim])
@@ -414,24 +420,24 @@ def detector_inversion(
 ) -> xr.Dataset:  # fmt: skip
     """Compute mount angles from the points at which two light traces cross detectors.
 
-    A reflecting cylinder along the elevation axis of the mirror draws the elevation trace on the receiver's plane. A
-    cylinder up the slope of the mirror draws the azimuth trace. The primary and secondary angles are computed in closed
-    form from one point on each trace. The inversion is exact for mounts without offsets whose only errors are the
-    encoder references.
+    A reflecting cylinder along the elevation axis of the mirror casts the elevation trace on the receiver plane. A
+    cylinder up the slope of the mirror casts the azimuth trace. The primary and secondary angles are computed in closed
+    form from one point on each trace. The inversion is exact for mounts without offsets if the encoder references are
+    the only errors.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
-        As in `mount_angles`, without ``mirror_offset`` and ``axis_offset``.
+        As in `mount_angles`, but without ``mirror_offset`` and ``axis_offset``.
     elevation_crossing, azimuth_crossing : array, shape (2,), (T, 2) or (N, T, 2)
-        Coordinates y and z of a point on the elevation trace and of a point on the azimuth trace, in the receiver's
+        Coordinates y and z of one point on the elevation trace and one point on the azimuth trace, in the receiver
         plane. [m]
 
     Returns
     -------
     xarray.Dataset
-        Angles `primary_angle` and `secondary_angle` of the mirrors as in `mount_angles`. The encoder reference errors
-        are these angles minus the commanded angles. [deg]
+        Mirror angles `primary_angle` and `secondary_angle` as in `mount_angles`. Subtract the commanded angles to get
+        the encoder reference errors. [deg]
 
     Raises
     ------
@@ -471,13 +477,13 @@ class _Scene(NamedTuple):
     Attributes
     ----------
     setting : aiming.Setting
-        Settings of the receiver and the mounts, each of shape (N,).
+        Settings of the receiver and of the mounts, each of shape (N,).
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     pivots : ndarray, shape (N, 3)
         Pivots relative to the aim points. [m]
     dims : tuple
-        Names of the dimensions of mounts and of instants; empty for a single pivot and for a single instant.
+        Names of the mount dimension and the time dimension. Each is empty for a single pivot or instant.
     """
 
     setting: aiming.Setting
@@ -490,10 +496,10 @@ class _Scene(NamedTuple):
     def dataset(
         self, variables: Mapping[str, Any], mounts: Mapping[str, Any] | None = None, **coordinates: Any
     ) -> xr.Dataset:
-        """Return a data set of `variables`, shape (N, T, ...), and of mount variables `mounts`, shape (N, ...).
+        """Return a data set with `variables` of shape (N, T, ...) and mount variables `mounts` of shape (N, ...).
 
-        Each entry contains the additional dimensions, the values and the attributes of a variable. The dimension of a
-        single pivot or instant is omitted.
+        Each entry contains the additional dimensions, the values and the attributes of a variable. The mount dimension
+        is omitted for a single pivot, and the time dimension for a single instant.
         """
         (each, time), every = self.dims, slice(None)
         first, instant = every if each else 0, every if time else 0
@@ -519,7 +525,7 @@ def _scene(
         raise ValueError("`aim` must be finite, and no `pivot` may be at its aim point")
     code = _code("kind", kind, KINDS)
     if latitude is None and code == POLAR:
-        raise ValueError("`latitude` is missing; a polar mount requires it")
+        raise ValueError("`latitude` is missing; a polar mount requires a latitude")
     angles = np.radians([receiver_azimuth, receiver_tilt, latitude or 0.0, axis_azimuth])
     half, offsets = (0.5 * width, 0.5 * height_extent), (mirror_offset, axis_offset, pedestal_height)
     values = *angles[:2], *half, 0.0, code, *angles[2:], *offsets
@@ -532,7 +538,7 @@ def _scene(
 
 
 def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming.Mounts:
-    """Return the mounts at pivots of shape (N, 3) for the entry `point` of a setting."""
+    """Return the mounts at pivots of shape (N, 3), with the properties in entry `point` of a setting."""
     one = {name: values[point].item() for name, values in setting._asdict().items()}
     to_target = np.array([0.0, 0.0, one["target_height"]]) - pivots
     return aiming.Mounts(
@@ -544,12 +550,12 @@ def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming
 
 
 def _leading(values: Any) -> Any:
-    """Return values with ``heliostat`` as the first dimension, if the values have this dimension."""
+    """Transpose values so that the dimension ``heliostat``, if present, comes first."""
     return values.transpose("heliostat", ...) if "heliostat" in getattr(values, "dims", ()) else values
 
 
 def _errors(errors: Any, count: int) -> Floats:
-    """Return mount errors, shape (count, 6). [rad]"""
+    """Return mount errors [rad], shape (count, 6), from errors in mrad."""
     if isinstance(errors, Mapping):
         if unknown := [name for name in errors if name not in ERRORS]:
             raise ValueError(f"unknown mount error {unknown[0]!r}: use {', '.join(ERRORS)}")
@@ -566,7 +572,7 @@ def _code(name: str, value: str, options: tuple[str, ...]) -> int:
 
 
 def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
-    """Return a data set with mount angles in degrees from an array in radians, shape (N, T, 2)."""
+    """Return a data set with mount angles [deg] from an array of shape (N, T, 2) [rad]."""
     return scene.dataset({
         name: ((), np.degrees(angles[..., k]), {"units": "degree", "long_name": words})
         for k, (name, words) in enumerate(_ANGLES.items())
@@ -574,11 +580,11 @@ def _angles(scene: _Scene, angles: Floats) -> xr.Dataset:
 
 
 def _spots(values: Floats, dims: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return the spot variables from an array of shape (3, N, T, ...) that contains y, z and status."""
+    """Return spot variables from an array of shape (3, N, T, ...) that contains y, z and the status."""
     y, z, status = values
     return {
-        "spot_y": (dims, y, {"units": "m", "long_name": "spot on the receiver's plane, to the right of the aim point"}),
-        "spot_z": (dims, z, {"units": "m", "long_name": "spot on the receiver's plane, above the aim point"}),
+        "spot_y": (dims, y, {"units": "m", "long_name": "spot on the receiver plane, to the right of the aim point"}),
+        "spot_z": (dims, z, {"units": "m", "long_name": "spot on the receiver plane, above the aim point"}),
         "spot_status": (dims, status.astype(np.int8), _flags(SPOT_STATUS)),
     }
 
