@@ -1,4 +1,4 @@
-"""Ray tracing of a heliostat field, without a study file, for shading, blocking, intercept and flux.
+"""Ray tracing of a heliostat field without a study file, for shading, blocking, intercept and flux.
 
 Coordinates are x east, y north and z up [m]. Azimuths run clockwise from north [deg].
 """
@@ -25,7 +25,7 @@ _CELLS = ("flux_row", "flux_column")
 TRACKING = {"azimuth_elevation": AZIMUTH_ELEVATION, "spinning_elevation": SPINNING_ELEVATION}
 #: Maximum number of rows or columns in a flux map, and maximum angle from the sun's centre in a sun shape [mrad].
 _MOST_CELLS, WIDEST = 1000, 100.0
-#: Number of arguments of each sun shape.
+#: Number of arguments for each sun shape.
 _SUN_SHAPES = {"pillbox": 0, "gaussian": 0, "limb_darkened": 0, "jose": 0, "buie": 1, "table": 2}
 _PARTS = {
     "cosine_efficiency": "cosine of the angle of incidence",
@@ -33,14 +33,14 @@ _PARTS = {
     "blocking_efficiency": "fraction of the mirror whose light is not blocked",
     "optical_efficiency": "cosine times the fraction that is neither shaded nor blocked",
     "intercept_efficiency": "fraction of the light leaving the field that hits the receiver",
-    "receiver_efficiency": "fraction of the light on the mirror area at normal incidence that hits the receiver",
+    "receiver_efficiency": "light on the receiver relative to the light on the mirror area at normal incidence",
 }
 
 
 class Cylinder(NamedTuple):
-    """Receiver on the outside of an upright cylinder at x = y = 0.
+    """Cylindrical receiver with a vertical axis at x = y = 0, lit from outside.
 
-    The attributes are the height of the centre, the radius, and the height from lower to upper edge, all in m.
+    The attributes are the height of the centre, the radius, and the height from the lower to the upper edge, all in m.
     """
 
     height: float
@@ -51,9 +51,9 @@ class Cylinder(NamedTuple):
 class Rectangle(NamedTuple):
     """Flat rectangular receiver, or rectangular aperture of a cavity, at x = y = 0.
 
-    The attributes are the height of the centre, the width, and the height along the face, all in m; and, in deg, the
-    azimuth of the normal, 0 for a field to the north, and the tilt of the normal above the horizontal, which is
-    negative if the receiver faces down.
+    The attributes are the height of the centre, the width, and the height along the face, all in m, followed by the
+    azimuth of the normal and the tilt of the normal above the horizontal, both in deg. The azimuth is 0 for a field to
+    the north. The tilt is negative if the receiver faces down.
     """
 
     height: float
@@ -82,57 +82,57 @@ def field_scene(
     sun_shape: str | tuple[Any, ...] = "pillbox",
     tower: tuple[float, float] | None = None,
 ) -> kernel.Scene:
-    """Return the scene of a field for the compiled ray tracer.
+    """Return the scene of a heliostat field for the ray tracer.
 
     Parameters
     ----------
     layout : array, DataFrame, Dataset or mapping
-        Centres of the mirrors: shape (N, 3), or with columns x, y and z. [m]
+        Mirror centres, as an array of shape (N, 3) or as columns x, y and z. [m]
     receiver : Cylinder or Rectangle
         Receiver of the field.
     width, height : float or array, shape (N,)
         Width and height of the mirrors. [m]
     aim : array, shape (3,) or (N, 3), optional
-        Aim points, which must not be behind the receiver (default: the centre of a rectangle, or the nearest point on
-        the surface of a cylinder at half of its height). [m]
+        Aim points, which must not be behind the receiver (default: the centre of a rectangle, or the nearest point at
+        half the height of a cylinder). [m]
     tracking : {'azimuth_elevation', 'spinning_elevation'}
-        Tracking method. The width of a mirror is horizontal ('azimuth_elevation'), or perpendicular to the plane of the
-        sun and the aim point ('spinning_elevation').
+        Tracking method. The width of each mirror is horizontal ('azimuth_elevation'), or perpendicular to the plane
+        through the mirror centre, the sun and the aim point ('spinning_elevation').
     focus : 'flat', 'slant', float or array, shape (N,) or (N, 2)
-        Focal length of the mirror or of its facets; 'slant' means the distance to the aim point. Two values are the
-        focal lengths along the width and along the height. [m]
+        Focal length of the mirror or of its facets; 'slant' means the distance to the aim point. Two values per mirror
+        are the focal lengths along the width and along the height. [m]
     facets : (int, int, float)
-        Number of columns and number of rows of facets, and gap between facets [m].
+        Numbers of columns and rows of facets, and gap between facets [m].
     canting : 'none', 'on_axis', float or array, shape (N,)
         Focal length of the canting; 'on_axis' means the distance to the aim point. [m]
     slope_error : float or array, shape (2,), (N,) or (N, 2)
-        Standard deviation of the slope error of the normal along the width and the height. [mrad]
+        Standard deviation of the slope of the mirror surface along the width and along the height. [mrad]
     specularity_error : float or array, shape (N,)
-        Standard deviation of the direction of the reflected ray per axis, due to specularity. [mrad]
+        Standard deviation per axis of the direction of the reflected ray, due to specularity. [mrad]
     tracking_error : float or array, shape (N,)
-        Standard deviation of the direction of the normal per axis, due to random tracking errors. [mrad]
+        Standard deviation per axis of the direction of the mirror normal, due to random tracking errors. [mrad]
     pointing_error : array, shape (2,) or (N, 2)
-        Fixed rotation of the normal along the width and the height. [mrad]
+        Fixed rotation of the mirror normal along the width and along the height. [mrad]
     slope_map : (x, y, slope), optional
-        Evenly spaced positions on a mirror, x with shape (C,) and y with shape (R,) [m], and the slopes at these
-        positions, with shape (R, C, 2), or (N, R, C, 2) if each mirror has its own map [mrad]. Missing slopes (NaN) are
-        replaced by the nearest slopes.
+        Evenly spaced positions on a mirror, `x` of shape (C,) and `y` of shape (R,) [m], and the slopes at these
+        positions, of shape (R, C, 2), or (N, R, C, 2) if each mirror has a separate map [mrad]. Missing slopes (NaN)
+        are replaced by the nearest slopes.
     sun_shape : str or tuple
-        'pillbox', 'gaussian', 'limb_darkened', 'jose', ('buie', circumsolar ratio), or ('table', angles [mrad],
-        brightness), with angles from 0 to at most 100 mrad.
+        Sun shape: 'pillbox', 'gaussian', 'limb_darkened', 'jose', ('buie', circumsolar ratio), or ('table', angles
+        [mrad], brightness). The angles in a table range from 0 to at most 100 mrad.
     tower : (float, float), optional
         Radius and top height of a tower that stands below the receiver at x = y = 0 and casts a shadow. [m]
 
     Returns
     -------
     Scene
-        Scene for `trace_field`, `trace_year` and `hflcal`, which also accept the arguments of this function.
+        Scene for `trace_field`, `trace_year` and `hflcal`. These functions also accept the arguments of `field_scene`.
 
     Raises
     ------
     ValueError
         If the shapes do not match, if a name is unknown, or if the position of a mirror, an aim point or the receiver
-        is not possible. The message names the argument and the heliostat.
+        is invalid. The message names the argument and the heliostat.
 
     Examples
     --------
@@ -210,50 +210,51 @@ def trace_field(
     flux_map: tuple[int, int] | None = None, dni: ArrayLike = 1000.0, threads: int | None = None, device: str = "cpu",
     **field: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Trace the light of a heliostat field at one or more instants.
+    """Trace light from a heliostat field at one or more instants.
 
-    Each ray starts at a point on the reflecting area. Other mirrors, which are treated as planes, can shade the ray on
-    its way from the sun and block the ray on its way to the receiver. The intersection of the ray with the receiver is
-    computed with the curved surface of the mirror.
+    Each ray starts at a point on the reflecting area. Other mirrors can shade the ray on its way from the sun and block
+    the ray on its way to the receiver. Shading and blocking mirrors are treated as planes. The curvature of the
+    reflecting mirror is taken into account when the ray is intersected with the receiver.
 
     Parameters
     ----------
     layout : array, DataFrame, Dataset, mapping or Scene
-        Centres of the mirrors as in `field_scene`, or a scene from `field_scene`.
+        Mirror centres as in `field_scene`, or a scene from `field_scene`.
     receiver : Cylinder or Rectangle
         Receiver of the field; None if `layout` is a scene.
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Azimuth and elevation of the sun. [deg]
     rays : int, optional
-        Number of rays for each heliostat and instant, rounded up to 16, 32 or a power of two (default: the number that
-        reaches `precision` at the quartiles of the sun's elevation).
+        Number of rays for each heliostat and instant, rounded up to 16, 32 or a power of two (default: the number
+        required to reach `precision` at the quartiles of the sun's elevation).
     precision : float
-        Relative standard error of the light from the whole field, at least 1e-6. The standard errors of cells relative
-        to the peak are at most 40 times this value. The standard errors of heliostats relative to the light on their
-        area are at most 6 times this value.
+        Required relative standard error of the light from the whole field, at least 1e-6. The standard error of a
+        receiver cell relative to the peak is at most 40 times this value. The standard error of a heliostat relative to
+        the light on its area is at most 6 times this value.
     seed : int
-        Seed of the random number generator. The rays depend only on the seed and on the indices of heliostat and
+        Seed of the random number generator. Rays depend only on the seed and on the indices of the heliostat and the
         instant.
     flux_map : (int, int), optional
-        Numbers of rows and columns of cells on the receiver, each at most 1000. Rows count upwards. Columns count from
-        left to right as seen from the field, or, on a cylinder, clockwise from north.
+        Numbers of rows and columns of cells on the receiver, each at most 1000. Rows are ordered from bottom to top.
+        Columns are ordered from left to right as seen from the field, or clockwise from north on a cylinder.
     dni : float or array, shape (T,)
         Direct normal irradiance for the flux map, at most 2000. [W m-2]
     threads : int, optional
         Number of threads (default: all cores). The results do not depend on this number.
     device : {'cpu', 'cuda'}
-        Processor that traces the rays; 'cuda' means an NVIDIA GPU and requires ``heliosweep[gpu]``.
+        Processor that traces the rays; 'cuda' selects an NVIDIA GPU and requires ``heliosweep[gpu]``.
     **field
         Arguments of `field_scene`.
 
     Returns
     -------
     xarray.Dataset
-        Efficiencies over time (omitted for a single instant) and heliostat: `cosine_efficiency`, `shading_efficiency`,
-        `blocking_efficiency`, `optical_efficiency`, `intercept_efficiency` and `receiver_efficiency` = optical times
-        intercept efficiency, each with its standard error as ``*_error``; NaN if the sun is below the horizon. If
-        `flux_map` is given, the variables `flux_map` and `peak_flux` [kW m-2] and their errors are added. The flux is
-        computed for a reflectivity of 1 and no attenuation.
+        Variables `cosine_efficiency`, `shading_efficiency`, `blocking_efficiency`, `optical_efficiency`,
+        `intercept_efficiency` and `receiver_efficiency` (the product of the optical and intercept efficiencies) with
+        the dimensions ``time`` (omitted for a single instant) and ``heliostat``; NaN if the sun is below the horizon
+        [1]. The variables ``*_error`` are the standard errors. If `flux_map` is given, the data set also contains
+        `flux_map` and `peak_flux` with their standard errors [kW m-2]. The flux is computed for a reflectivity of 1 and
+        no attenuation.
 
     Raises
     ------
@@ -263,8 +264,9 @@ def trace_field(
 
     Notes
     -----
-    Each result is the mean of 8 independent scrambled Sobol sequences. About 95 % of the errors are within two standard
-    errors (Student's t). The references are listed in docs/light.md.
+    Each result is the mean over 8 independently scrambled Sobol sequences. Standard errors are scaled with Student's t
+    distribution, so that about 95 % of all results are within two standard errors of the true value. The page
+    docs/light.md lists the references.
 
     Examples
     --------
@@ -311,11 +313,11 @@ def trace_year(
     transmittance: ArrayLike = 1.0, rays: int | None = None, precision: float = 1e-4, seed: int = 0,
     flux_map: tuple[int, int] | None = None, threads: int | None = None, device: str = "cpu", **field: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Trace the light of a heliostat field over a period.
+    """Trace light from a heliostat field over a period.
 
     The energy that a heliostat delivers to the receiver is
 
-        E = area * transmittance * sum of irradiation * reflectivity * cosine * fraction of the rays that arrive.
+        E = area * transmittance * sum of irradiation * reflectivity * cosine * fraction of rays that hit the receiver.
 
     Parameters
     ----------
@@ -324,19 +326,19 @@ def trace_year(
     irradiation : float, array or DataArray, shape (T,)
         Direct normal irradiation in the time interval of each instant; 0 if the field does not operate. [MWh m-2]
     reflectivity : float or array, shape (T,)
-        Fraction of the light that mirrors reflect, including cleanliness. [1]
+        Fraction of the light that the mirrors reflect, including the effect of cleanliness. [1]
     transmittance : float or array, shape (N,)
         Fraction of the light that the air transmits on the way to the receiver. [1]
     flux_map : (int, int), optional
-        Numbers of rows and columns of cells on the receiver.
+        Numbers of rows and columns of cells on the receiver, as in `trace_field`.
 
     Returns
     -------
     xarray.Dataset
-        Variables over heliostat are the efficiencies of `trace_field` as means weighted by irradiation, and
-        `receiver_energy` [MWh]. The variable `field_energy` is the sum of the energies of all heliostats [MWh]. If
-        `flux_map` is given, the variables `flux_map` and `peak_flux` [MWh m-2] are added. Standard errors are named
-        ``*_error``.
+        Means of the efficiencies in `trace_field` weighted by irradiation [1], and `receiver_energy` [MWh], for each
+        heliostat. The variable `field_energy` is the sum of the energies of all heliostats [MWh]. If `flux_map` is
+        given, the data set also contains `flux_map` and `peak_flux` [MWh m-2]. The variables ``*_error`` are the
+        standard errors.
 
     Raises
     ------
@@ -385,18 +387,21 @@ def hflcal(
     layout: Any, receiver: Cylinder | Rectangle | None = None, sun_azimuth: ArrayLike = 180.0,
     sun_elevation: ArrayLike = 45.0, **field: Any,
 ) -> Floats:  # fmt: skip
-    """Return the intercept of each heliostat according to HFLCAL, which models each image as a round Gaussian.
+    """Compute the intercept of each heliostat with the HFLCAL model.
 
-    The results are accurate to a few percent. The variance of the image has two parts. The first part is due to the
-    sun, the slope errors and the specularity over the slant range D. The second part is due to astigmatism and is 1/32
-    of the sum of the squares of d (D / f - cos i) and d (D cos i / f - 1), where d is the square root of the mirror
-    area, f the focal length and i the angle of incidence. The variance is divided by the cosine of the angle of
-    incidence on the receiver.
+    HFLCAL models each image as a circular Gaussian. Results are accurate to a few percent. The variance of the image
+    has two parts. The first part is due to the sun shape, the slope errors and the specularity, and is proportional to
+    the square of the slant range D. The second part is due to astigmatism and is equal to
+
+        d^2 / 32 * ((D / f - cos i)^2 + (D / f * cos i - 1)^2),
+
+    where d is the square root of the mirror area, f is the focal length and i is the angle of incidence. The variance
+    is divided by the cosine of the angle of incidence on the receiver.
 
     Parameters
     ----------
     layout, receiver, sun_azimuth, sun_elevation, **field
-        As in `trace_field`. A cylinder is treated as a rectangle of the same width that faces the heliostat.
+        As in `trace_field`. A cylinder is treated as a rectangle of equal width that faces the heliostat.
 
     Returns
     -------
@@ -442,7 +447,7 @@ def hflcal(
 
 
 def image_radius(flux: xr.DataArray) -> xr.DataArray:
-    """Return the root mean square distance of the light in a flux map from the centroid of the light.
+    """Compute the root mean square radius of a flux map about its centroid.
 
     Parameters
     ----------
@@ -453,8 +458,7 @@ def image_radius(flux: xr.DataArray) -> xr.DataArray:
     Returns
     -------
     DataArray, shape (...)
-        Radius about the centroid of the light, in the unit of the coordinates (for example, m); NaN if there is no
-        light.
+        Radius about the centroid, in the unit of the coordinates; NaN if there is no light.
 
     Examples
     --------
@@ -486,9 +490,9 @@ def _scene(layout: Any, receiver: Cylinder | Rectangle | None, field: Mapping[st
 
 
 def per_item(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, most: float | None = None) -> Floats:
-    """Return a value for each heliostat or instant, shape (count, *shape).
+    """Broadcast a value to each heliostat or instant, shape (count, *shape).
 
-    If `most` is given, the values must be from 0 to `most`.
+    If `most` is given, the values must be between 0 and `most`.
     """
     array = np.asarray(value, np.float64)
     try:
@@ -503,7 +507,7 @@ def per_item(name: str, value: ArrayLike, shape: tuple[int, ...], count: int, mo
 
 
 def _on_device(device: str) -> bool:
-    """Return True if the device is a GPU. Raises ValueError if a GPU is requested but not available."""
+    """Return True if the device is a GPU. Raises ValueError if the GPU is not available."""
     if device not in ("cpu", "cuda"):
         raise ValueError(f"`device` must be 'cpu' or 'cuda' (got {device!r})")
     if device == "cuda" and (problem := device_problem()):
@@ -541,7 +545,7 @@ def _receiver(receiver: Cylinder | Rectangle) -> kernel.Receiver:
 
 
 def mirror_centres(layout: Any, argument: str = "layout") -> Floats:
-    """Return the centres of mirrors, or other points, as an array of shape (N, 3)."""
+    """Return mirror centres, or other points, as an array of shape (N, 3)."""
     if hasattr(layout, "keys"):
         missing = [axis for axis in "xyz" if axis not in layout]
         if missing:
@@ -555,7 +559,7 @@ def mirror_centres(layout: Any, argument: str = "layout") -> Floats:
 
 
 def check_tower(tower: tuple[float, float], centre: Floats) -> None:
-    """Raise ValueError if the radius or height of a tower is not above 0, or if a mirror centre is within the tower."""
+    """Raise ValueError if the radius or height of the tower is not above 0, or if a mirror is within the tower."""
     if not (np.isfinite(tower).all() and min(tower) > 0.0):
         raise ValueError(f"`tower` must be a radius and a top above 0 m (got {tower})")
     within = (np.hypot(centre[:, 0], centre[:, 1]) < tower[0]) & (centre[:, 2] < tower[1])
@@ -563,7 +567,7 @@ def check_tower(tower: tuple[float, float], centre: Floats) -> None:
 
 
 def _refuse(name: str, wrong: Any, words: str) -> None:
-    """Raise a ValueError that lists the first heliostats with invalid values."""
+    """Raise a ValueError that lists up to five heliostats with invalid values."""
     if np.any(wrong):
         which = ", ".join(str(each + 1) for each in np.flatnonzero(wrong)[:5])
         raise ValueError(f"`{name}`: heliostat {which} {words} ({int(np.sum(wrong))} of {len(wrong)})")
@@ -606,7 +610,7 @@ def _sun_shape(given: str | tuple[Any, ...]) -> sunshapes.SunShape:
 
 
 def sun_directions(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Floats, tuple[str, ...], dict[str, Any]]:
-    """Return unit vectors to the sun, shape (T, 3), and the time dimension with its coordinates."""
+    """Return unit vectors to the sun, shape (T, 3), the name of the time dimension, and its coordinates."""
     labels = getattr(azimuth, "coords", None)
     angles = np.broadcast_arrays(*(np.asarray(each, np.float64) for each in (azimuth, elevation)))
     if angles[0].ndim > 1 or not angles[0].size:
@@ -623,7 +627,7 @@ def _rays_for(
     scene: kernel.Scene, suns: list[Floats], weights: Floats | None, rays: int | None, precision: float, cells: Any,
     share: Floats, seed: int, instants: int,
 ) -> int:  # fmt: skip
-    """Return `rays` rounded up, or the number of rays for each heliostat and instant that reaches `precision`."""
+    """Return `rays`, or the number of rays per heliostat and instant that is required to reach `precision`."""
     if not 1e-6 <= precision < 1.0:
         raise ValueError(f"`precision` must be at least 1e-6 and below 1 (got {precision:g})")
     if seed < 0:
@@ -641,7 +645,7 @@ def _rays_for(
 
 
 def _efficiencies(sums: Floats, total: float) -> dict[str, tuple[Floats, Floats]]:
-    """Return means and standard errors of efficiencies from sums of shape (replicates, ..., quantities)."""
+    """Return means and standard errors of the efficiencies from sums of shape (replicates, ..., quantities)."""
     index = (kernel.COSINE, kernel.UNSHADED, kernel.UNBLOCKED, kernel.OPTICAL, kernel.LIGHT)
     names = [name for name in _PARTS if name != "intercept_efficiency"]
     found = {name: kernel.mean_error(sums[..., k] / total) for name, k in zip(names, index, strict=True)}
@@ -657,13 +661,13 @@ def _with_error(name: str, dims: tuple[str, ...], pair: Sequence[Any], units: st
 
 
 def cell_area(receiver: kernel.Receiver, cells: Any) -> float:
-    """Return the area of a cell of the receiver. [m2]"""
+    """Return the area of a receiver cell. [m2]"""
     around = 2.0 * np.pi if receiver.kind == kernel.CYLINDER else 2.0
     return float(around * receiver.half_width * 2.0 * receiver.half_height / (cells[0] * cells[1]))
 
 
 def _map_variables(maps: Sequence[NDArray[Any]], dims: tuple[str, ...], units: str, words: str) -> dict[str, Any]:
-    """Return flux maps and their peaks with standard errors, computed from the maps of each replicate."""
+    """Return flux maps, peak fluxes and their standard errors, computed from the maps of all replicates."""
     found = dict[str, Any]()
     for name, cells, of, way in (
         ("flux_map", _CELLS, kernel.mean_error, "mean of each cell"),
@@ -678,13 +682,16 @@ def _map_variables(maps: Sequence[NDArray[Any]], dims: tuple[str, ...], units: s
 def _dataset(
     variables: dict[str, Any], coordinates: dict[str, Any], scene: kernel.Scene, layout: Any, rays: int, seed: int
 ) -> xr.Dataset:
-    """Return a data set in which heliostats are labelled by the index of the layout, or by numbers from 1."""
+    """Return a data set with heliostats labelled by the index of the layout or by numbers from 1."""
     attributes = {"rays": kernel.block_rays(rays), "seed": seed}
     return xr.Dataset(variables, {**heliostat_coordinates(layout, scene.centre), **coordinates}, attributes)
 
 
 def heliostat_coordinates(layout: Any, centre: Floats, point: str = "mirror's centre") -> dict[str, Any]:
-    """Return the labels of heliostats (index of the layout or numbers from 1) and their positions as coordinates."""
+    """Return the labels and positions of heliostats as coordinates.
+
+    The labels are the index of the layout, or numbers from 1 if the layout has no index.
+    """
     index = getattr(layout, "index", None)
     places = {
         axis: ("heliostat", centre[:, k], {"units": "m", "long_name": f"{words} of the {point}"})
