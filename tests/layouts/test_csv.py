@@ -123,7 +123,7 @@ def test_files_that_cannot_be_read(tmp_path):
         ("x (kg),y\n1,2\n", ":1:1", "is in 'kg'; x must be in m"),
         ("X Position (east);Y Position (m)\n1;2\n", ":1:1", "is in 'east'; x must be in m"),
         ('x,y,row\n1,2,"A\n3,4,B\n', ":2", "contains a quoted text that does not end on this line"),
-        ("x,up\n1,2\n", ":1", "needs a column y, the metres north of the tower's base (got x, up)"),
+        ("x,up\n1,2\n", ":1", "needs a column y with the distance north of the tower's base in m (got x, up)"),
         ("x,y,x\n1,2,3\n", ":1:5", "has two columns 'x'"),
         ("x,y\n1,2\n1,2,3\n", ":3", "has 3 fields, but the header has 2"),
         ("x,y\n1,two\n", ":2:3", "y must be a finite number (got 'two')"),

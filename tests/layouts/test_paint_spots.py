@@ -190,12 +190,12 @@ def test_corrections_are_in_degrees_and_steps(plant, tmp_path, monkeypatch, caps
     ("name", "keys", "value", "said"),
     [
         (SPOT, ("motor_position", "axis_1_motor_position"), 900_000,
-         f"{SPOT}:3:30: motor_position.axis_1_motor_position: is a stroke with which the actuator does not form a"),
+         f"{SPOT}:3:30: motor_position.axis_1_motor_position: corresponds to a stroke at which the actuator"),
         (SPOT, ("focal_spot",), {}, "focal_spot: has no 'UTIS'"),
         (SPOT, ("sun_elevation",), "high", "sun_elevation: must be an angle in deg"),
         (PROPERTIES, (*ACTUATOR, "offset"), 2.0,
          "actuators[0]: initial_stroke_length, offset and pivot_radius do not form a triangle"),
-        (PROPERTIES, (*ACTUATOR, "type_axis"), "ideal", "of heliostats with linear actuators; AA39 have others"),
+        (PROPERTIES, (*ACTUATOR, "type_axis"), "ideal", "the actuators of AA39 are not linear"),
     ],
 )  # fmt: skip
 def test_bad_files_are_told_at_their_lines(folder, name, keys, value, said):

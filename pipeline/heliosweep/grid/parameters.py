@@ -17,7 +17,9 @@ CF_UNITS = {"deg": "degree", "latitude": "degrees_north", "longitude": "degrees_
 
 
 class Parameters:
-    """Values of each key of a study over a region of the result. Dimensions omitted from `select` are complete.
+    """Values of each study key over a region of the result.
+
+    `select` contains the slices of the limited dimensions; other dimensions have their full length.
 
     `sizes` contains the length of each swept dimension within the region, in the order of the result.
     """
@@ -51,7 +53,7 @@ class Parameters:
         return block == "site" and any(getattr(site, name) is not None for site in self._sites)
 
     def parameter(self, key: str) -> xr.DataArray:
-        """Return the values of one key: a scalar array if the key is fixed, or an array along its dimension if swept.
+        """Return the values of one key as a scalar array, or as an array along the dimension of a swept key.
 
         Parameters
         ----------
@@ -103,8 +105,8 @@ class Parameters:
     def points(self, *keys: str) -> Iterator[tuple[tuple[int, ...], tuple[Any, ...]]]:
         """Yield the index and the key values of each point in the region, in the order of the result.
 
-        The index is counted from the start of the region. A value is None if the key has no value, or if the family
-        does not have the site or sun key. Raises StudyError if the study model does not declare a key.
+        The index is counted from the start of the region. A value is None if the key has no value, or if it is a site
+        or time key that the family does not have. Raises StudyError if the study model does not declare a key.
         """
         for key in keys:
             if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):

@@ -48,9 +48,9 @@ BLOCK_BYTES = {"points": 16 * 2**20, "series": 32 * 2**20}
 MIN_EVALUATIONS, MAX_EVALUATIONS = 20_000, 1_000_000
 #: Target number of chunks (enough for all workers to finish at nearly the same time), and maximum number of chunks.
 WANTED_CHUNKS, MAX_CHUNKS = 64, 10_000
-#: Number of copies of a block in memory during writing: chunks, joined values, finished variables and written values.
+#: Number of copies of a block in memory while it is written: chunks, joined, finished and written values.
 BLOCK_COPIES = 4
-#: Maximum size of the passing variables (those not in the result) that `Family.finish` takes in one call. [bytes]
+#: Maximum size of the passing variables (those not in the result) passed to `Family.finish` in one call. [bytes]
 PASS_BYTES = 16 * 2**20
 #: Location of the workers: this process, processes on this machine, or machines with separate memory.
 Where: TypeAlias = Literal["here", "processes", "elsewhere"]
@@ -143,7 +143,7 @@ class Plan:
         return "\n".join(["Plan", *(f"  {name:11}  {value}" for name, value in self.in_words().items())])
 
     def in_words(self) -> dict[str, str]:
-        """Return text descriptions of the size and cost of the study, by name of the quantity."""
+        """Return descriptions of the size and cost of the study, by the name of the quantity."""
         work, seconds = self.workload, self.seconds
         time = "unknown before chunks are computed" if seconds is None else f"about {human_seconds(max(seconds, 0.1))}"
         return {
@@ -249,7 +249,7 @@ def _cut(
             split = ""  # some variables are sums over this dimension
     if split:
         sizes[split] = workload.inner[split]
-    # In a large field, a block of 512 instants has similar sun directions.
+    # In a large field, the sun directions within a block of 512 instants are similar.
     inner = [("time", 512), *([(split, 1)] if split else []), ("time", 1)] if kind == "series" else []
     stored = in_result(variables)
     block = shortened(

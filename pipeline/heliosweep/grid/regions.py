@@ -75,7 +75,7 @@ def quantity(
 def flags(
     dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "", kind: str = "flag_values"
 ) -> Variable:
-    """Declare a variable with codes as values. If `kind` is ``flag_masks``, values are sums of codes."""
+    """Declare a variable whose values are codes, or sums of codes if `kind` is ``flag_masks``."""
     attrs: dict[str, Any] = {
         kind: np.array(list(meanings), np.int8),
         "flag_meanings": " ".join(meanings.values()),
@@ -88,7 +88,7 @@ def pair(
 ) -> dict[str, Variable]:
     """Declare one variable for each axis in `words`.
 
-    In variable names, ``%`` is replaced by a key of `words`. In long names, it is replaced by the text for this key.
+    The character ``%`` is replaced by a key of `words` in variable names, and by the text for this key in long names.
     """
     return {
         name.replace("%", axis): quantity(dims, units, long_name.replace("%", word), comment)
@@ -99,7 +99,7 @@ def pair(
 def with_best(
     variables: Mapping[str, Variable], largest: Iterable[str], smallest: Iterable[str] = ()
 ) -> dict[str, Variable]:
-    """Return the variables, and set the attribute `BEST_VALUE` of each variable in `largest` or `smallest`."""
+    """Return the variables with the attribute `BEST_VALUE` set for each variable in `largest` or `smallest`."""
     best = dict.fromkeys(largest, LARGEST) | dict.fromkeys(smallest, SMALLEST)
     return {
         name: replace(one, attrs={**one.attrs, BEST_VALUE: best[name]}) if name in best else one
@@ -123,7 +123,7 @@ def bytes_of(variables: Mapping[str, Variable], sizes: Mapping[str, int]) -> int
 
 
 def shape_of(variable: Variable, region: Region, sizes: Mapping[str, int]) -> tuple[int, ...]:
-    """Return the shape of a variable over a region of a result with dimension lengths `sizes`."""
+    """Return the shape of a variable over a region; `sizes` contains the dimension lengths of the result."""
     return tuple(len(range(sizes[dim])[region.get(dim, slice(None))]) for dim in variable.dims)
 
 
@@ -172,7 +172,7 @@ def checked(
 class Piece(NamedTuple):
     """Block or chunk of a result."""
 
-    #: Name that consists of kind and number, such as ``points-00012``.
+    #: Name that consists of the kind and a number, such as ``points-00012``.
     name: str
     #: ``series`` for variables with the dimension ``time``, otherwise ``points``.
     kind: str
@@ -235,7 +235,7 @@ def regions(region: Region, lengths: Mapping[str, int]) -> Iterator[dict[str, sl
 def shortened(
     lengths: Mapping[str, int], order: Iterable[tuple[str, int]], fits: Callable[[Mapping[str, int]], bool]
 ) -> dict[str, int]:
-    """Halve lengths until they fit. Dimensions are halved one after another in `order`, down to their minimum."""
+    """Halve the lengths of dimensions, one dimension after another in `order`, until `fits` returns True."""
     found = dict(lengths)
     for dim, minimum in order:
         while found[dim] > minimum and not fits(found):

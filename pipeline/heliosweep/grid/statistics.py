@@ -125,7 +125,7 @@ def _sobol(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDArray[np.float64], ...]:
     """Return the mean, mean magnitude and standard deviation of each parameter's elementary effects.
 
-    An effect is the change of the result when the keys of a parameter change from their 12.5 % to their 87.5 %
+    An effect is the change in the result when the keys of a parameter change from their 12.5 % to their 87.5 %
     quantile. The effect is extrapolated linearly from a step of 2/3 of this quantile range. The sign of a group is the
     sign of one of its keys.
 
@@ -157,6 +157,6 @@ def elementary_effects(values: NDArray[np.float64], design: Design) -> tuple[NDA
 
 
 def single_steps(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return the changes from the median result if one parameter is one standard normal deviate lower or higher."""
+    """Return changes from the median result for each parameter, one standard normal deviate lower and higher."""
     changes = values[..., 1:] - values[..., :1]
     return changes[..., 0::2], changes[..., 1::2]

@@ -1,4 +1,4 @@
-"""Generate the instants of a study and sun positions at its sites, and find sites without a sunrise."""
+"""Generate the instants of a study, compute sun positions at its sites, and find sites without a sunrise."""
 
 from __future__ import annotations
 
@@ -98,8 +98,8 @@ def instant_count(time: SolarTime | CivilTime | SunDirections | WeatherTime) -> 
 def solar_instants(time: SolarTime) -> Instants:
     """Return the instants of the solar clock: the hours of the first day, then the hours of the next days.
 
-    The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h]. The key ``sampling`` of
-    the study determines the hours.
+    The labels along ``time`` are ``day`` [1] or ``declination`` [deg], and ``solar_hour`` [h]. The hours depend on the
+    study key ``sampling``.
     """
     hours, outer = time.solar_hours(), cast("Any", time.declinations())
     name, attrs = "declination", {"long_name": "declination of the sun", "units": "degree"}
@@ -126,7 +126,7 @@ def _table(rows: Sequence[NDArray[np.datetime64]], dim: str) -> tuple[tuple[str,
 
 
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
-    """Return the instants of each date's window on the civil clock, in universal time, for all site time zones.
+    """Return the instants of the daily windows on the civil clock, in universal time, for the time zone of each site.
 
     A window starts and stops at clock times and has equal steps of elapsed time. A window that includes a clock change
     is therefore an hour shorter or longer. If the start or stop is in an hour that a clock change skips, the window
@@ -140,7 +140,7 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
 
 
 def civil_intervals(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the hours that each instant of `civil_instants` represents in a time zone, and the month of the instant.
+    """Return the number of hours that each instant of `civil_instants` represents in a time zone, and its month.
 
     An instant represents one step, or half a step at both ends of an inclusive window. For an instant in two windows,
     the hours are summed.
@@ -302,7 +302,7 @@ class Suns:
         return self._instants.size
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> np.ndarray:
-        """Return unit vectors to the sun at a point, shape (time, 3), given its index and the values of `PLACE`. [1]"""
+        """Return unit vectors to the sun at a point with the given index and values of `PLACE`, shape (time, 3). [1]"""
         site = 0 if self._sites is None else index[self._sites]
         key = (site, tuple(place))
         if self._last[0] != key:
@@ -310,7 +310,7 @@ class Suns:
         return self._last[1]
 
 
-#: Maximum elevation error of `_heights` on the civil clock, with a reserve of 1 deg. [deg]
+#: Maximum elevation error of `_heights` on the civil clock, with a margin of 1 deg. [deg]
 #: The equation of time adds 4.3 deg; Cooper's declination with the calendar drift from 1700 to 2200 adds 1.7 deg.
 MARGIN = 7.0
 
@@ -325,7 +325,7 @@ def dark_places(study: Study, missing: str) -> Iterator[Problem | str]:
     margin, key, where, each = 0.0, "hours", "latitudes, days and hours", 365
     if isinstance(time, CivilTime):
         margin, key, where = np.sin(np.radians(MARGIN)), "window", "sites on these dates in this window"
-        each = max(instant_count(time), 200)  # each place takes at least the time of 200 sun positions
+        each = max(instant_count(time), 200)  # the overhead of a place corresponds to about 200 sun positions
     if not places or sum(_values(site.longitude).size for site, _ in places) * each > MAX_INSTANTS:
         return
     heights = [_heights(time, site, latitude, _values(site.longitude)).max() for site, latitude in places]

@@ -21,7 +21,7 @@ from heliosweep.sun import direction
 
 #: Operating limits of a field. A lost instant is attributed to the first violated limit in this order.
 CAUSES = ("dni", "sun_elevation", "wind_speed")
-#: Study keys of the limits.
+#: Study keys that set the limits.
 LIMITS = tuple(f"limits.{cause}" for cause in CAUSES)
 
 #: Number of days in a year before each month.
@@ -69,7 +69,7 @@ class Weathers:
         self._last: tuple[object, Any] = (None, None)
 
     def at(self, index: tuple[int, ...], place: Sequence[float | None]) -> Irradiance:
-        """Return the irradiance at a point, given the index of the point and its values of `sun.PLACE`."""
+        """Return the irradiance at the point with the given index and values of `sun.PLACE`."""
         row = 0 if self._axis is None else index[self._axis]
         sky: tuple[Any, ...] = tuple(None if column is None else column[index] for column in self._sky)
         key = (row, tuple(place), sky)
@@ -233,7 +233,7 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
             yield study.problem("limits.wind_speed", f"{file.name} has no wind speed: remove this limit")
     if sites and isinstance(study.weather.file, Sweep) and len(files) != len(sites):
         message = (
-            f"names {len(files)} files for {len(sites)} sites: give one file for each site, in the order of the "
+            f"lists {len(files)} files for {len(sites)} sites: give one file for each site, in the order of the "
             "sites, or one file for all"
         )
         yield study.problem("weather.file", message)
@@ -323,6 +323,6 @@ def _elsewhere(study: Any, file: WeatherFile, latitude: float, longitude: float)
     if distance > FARTHEST:
         yield study.problem("weather.file", (
             f"{file.name} is for another site: latitude {file.latitude:g}, longitude {file.longitude:g} deg, "
-            f"{distance:,.0f} km from the site at {latitude:g}, {longitude:g} deg, and {FARTHEST:g} km are allowed; "
+            f"{distance:,.0f} km from the site at {latitude:g}, {longitude:g} deg (maximum {FARTHEST:g} km); "
             f"give the file of the site, or take the site from the file: site: {{file: ...}}"
         ))  # fmt: skip

@@ -1,7 +1,7 @@
-"""Ground of a generated field: areas for heliostats, and ground heights.
+"""Ground data for generated fields: areas where heliostats may be placed, and ground heights.
 
 Polygons are read from GeoJSON or WKT files, and grids of heights from NetCDF or GeoTIFF files. Coordinates are in
-metres east and north of the tower or of another origin, such as the origin of a map.
+metres east and north of the tower, or of another origin such as a map origin.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Region:
     margin: float = 0.0
 
     def inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return True for positions [m] inside the region, but not on an edge or within the margin, shape (n,)."""
+        """Return a mask, shape (n,), that is True for positions [m] inside the region and outside its margin."""
         inside = np.full(x.shape, not self.sectors)
         azimuth = np.degrees(np.arctan2(x, y)) if self.sectors else x
         for middle, width in self.sectors:
@@ -76,12 +76,12 @@ class Region:
 
     @property
     def key(self) -> str:
-        """Study key that limits the ground, for messages."""
+        """Study key to name in messages about missing space."""
         return "boundary" if self.boundary is not None else "sectors" if self.sectors else "exclude"
 
     @property
     def reach(self) -> float:
-        """Maximum distance of heliostats from the tower. [m]"""
+        """Maximum possible distance of a heliostat from the tower. [m]"""
         if self.boundary is None:
             return FARTHEST
         return float(np.hypot(*shapely.get_coordinates(self.boundary).T).max())
@@ -108,9 +108,10 @@ def _checker(path: Path, key: str) -> Callable[[Any, str], None]:
 
 @read_once(8)
 def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
-    """Read polygons from GeoJSON or WKT as one prepared geometry relative to a tower. [m]
+    """Read polygons from a GeoJSON or WKT file as one prepared geometry.
 
-    Raises a StudyError for `key` if the file contains no valid polygons.
+    The coordinates of the geometry are relative to the tower [m]. Raises a StudyError for `key` if the file contains no
+    valid polygons.
     """
     need, text, polygons = _checker(path, key), "", np.empty(0, object)
     try:
@@ -128,7 +129,7 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     polygons = polygons[~(shapely.is_empty(polygons) | shapely.is_missing(polygons))]
     kinds = sorted({part.geom_type for part in polygons}, key="Polygon".__eq__)
     found = f"a {kinds[0]}" if kinds else "none"
-    need(kinds == ["Polygon"], f"must contain polygons (got {found}); give a road as the polygon of its area")
+    need(kinds == ["Polygon"], f"must contain polygons (got {found}); describe a road by a polygon around its area")
     corners = shapely.get_coordinates(polygons)
     degrees = (np.abs(corners) <= (180.0, 90.0)).all() and np.ptp(corners, axis=0).max() < 1.0
     advice = "is less than 1 m across: project it to metres, for example to UTM, and give 'origin'"
@@ -142,7 +143,7 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     for reason in shapely.is_valid_reason(polygons[~shapely.is_valid(polygons)]):
         crossing = re.fullmatch(r"(?:Ring )?Self-intersection\[(\S+) (\S+)\]", reason)
         fault = f"crosses itself at {float(crossing[1]):.6g}, {float(crossing[2]):.6g}" if crossing else reason
-        need(False, f"{fault}; list the corners in their order along the edge")
+        need(False, f"{fault}; list the corners in order along the edge")
     area = shapely.union_all(polygons)
     need(area.area > 0, "leaves no space: its polygons have no area")
     shapely.prepare(area)
@@ -150,14 +151,16 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
 
 
 def slope_heights(x: Floats, y: Floats, slope: float, azimuth: float) -> Floats:
-    """Return the height above the tower's base [m] of a plane that descends by `slope` towards `azimuth` [deg]."""
+    """Return heights above the tower's base [m] on a plane that descends by `slope` [deg] towards `azimuth` [deg]."""
     down = math.radians(azimuth)
     return -math.tan(math.radians(slope)) * (math.sin(down) * x + math.cos(down) * y)
 
 
 @read_once(4)
 def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
-    """Read a grid of heights as a bilinear function of (y, x) relative to a tower; NaN outside the grid. [m]
+    """Read a grid of heights [m] and return a function that interpolates bilinearly.
+
+    The function takes (y, x), relative to the tower [m], and returns NaN outside the grid.
 
     Raises a StudyError for the key ``terrain.file`` if the file is neither NetCDF nor GeoTIFF, or contains no grid over
     x and y.

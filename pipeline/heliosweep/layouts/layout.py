@@ -1,6 +1,6 @@
 """Heliostat layouts: positions in a fixed order, properties of each heliostat, and checks before a run.
 
-A CSV table contains one row for each heliostat. Tables from SolarPILOT, OpenCSP and solsticepy can also be read. The
+A CSV table contains one row per heliostat. Tables from SolarPILOT, OpenCSP and solsticepy can also be read. The
 header is the first line with titles for ``x`` and ``y`` (``Pos-x``, ``X Position (m)``, ...). Lines before the header,
 such as the parameters in SolarPILOT's exports, are ignored. Lengths are converted to metres if the titles, or a row of
 units below the header (solsticepy), specify another unit.
@@ -61,7 +61,7 @@ class Property(NamedTuple):
     #: Exclusive lower bound; slightly negative if 0 is allowed.
     above: float
     most: float
-    #: True if the column has an effect only with ``optics``.
+    #: True if the column is used only if the study has an ``optics`` block.
     optical: bool = True
 
 
@@ -90,7 +90,7 @@ NAMED_BY_HELIOSTAT = ("width", "height", "pivot_height", "reflectivity", "cleanl
 class Layout:
     """Positions and properties of the heliostats of a field.
 
-    Heliostats are in the order of the dimension ``heliostat`` in the result. All arrays are read-only copies.
+    The heliostats have the same order as the dimension ``heliostat`` of the result. All arrays are read-only copies.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class Layout:
         return self.x.size
 
     def matches(self, labels: Sequence[str]) -> NDArray[np.int64]:
-        """Return the index of each heliostat in `labels`, or -1 if it is not listed, shape (heliostat,).
+        """Return the index of each heliostat in `labels`, shape (heliostat,), or -1 for unlisted heliostats.
 
         A label is a value in the column ``name``, or in ``id`` if there are no names. Any other label is a heliostat
         number.
@@ -241,7 +241,7 @@ def too_close(x: ArrayLike, y: ArrayLike, z: ArrayLike, limit: ArrayLike) -> lis
     Returns
     -------
     list of (int, int, float)
-        Rows of each pair (lower row first) and the distance between both heliostats [m], ordered by distance. Each
+        Rows of each pair (lower row first) and distance between the two heliostats [m], sorted by distance. Each
         heliostat is compared only with its 7 nearest neighbours.
     """
     points = np.column_stack([np.asarray(axis, float) for axis in (x, y, z)])
@@ -374,8 +374,8 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     Returns
     -------
     Layout
-        Layout in the order of the file. Titles of label columns become names (``Num. Facets`` becomes
-        ``num_facets``).
+        Layout in the order of the file. Titles of label columns are converted to names (``Num. Facets``
+        becomes ``num_facets``).
 
     Raises
     ------
@@ -410,7 +410,7 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
 
 
 def _with_header(lines: list[int], texts: list[str], separator: str) -> tuple[list[int], list[str]]:
-    """Add a header to a user-defined layout of SolarPILOT, and fill short rows with ``NULL``.
+    """Add a header to a SolarPILOT user-defined layout, and pad short rows with ``NULL``.
 
     Lines of any other table are returned unchanged.
     """
@@ -452,7 +452,9 @@ def _layout_of(table: Table, units: Sequence[str], reserved: Collection[str]) ->
     for key, direction in (("x", "east"), ("y", "north")):
         if key not in keys:
             there = printable(", ".join(table.header))[:200]
-            table.add(f"needs a column {key}, the metres {direction} of the tower's base (got {there})", HEADER)
+            table.add(
+                f"needs a column {key} with the distance {direction} of the tower's base in m (got {there})", HEADER
+            )
     title = dict(zip(keys, table.header, strict=True)).get("focal_x", "")
     both = _letters(split_title(title)[0]) in _BOTH
     table.header = keys
@@ -523,7 +525,9 @@ def write_solarpilot(layout: Layout, path: str | Path) -> None:
     given = {key: values for key, values in layout.columns.items() if key in SOLARPILOT_COLUMNS}
     for key, values in given.items():
         if values.dtype.kind not in ("i" if key == "template" else "if"):
-            message = f"{key} must hold {'whole ' * (key == 'template')}numbers for SolarPILOT: rename the column"
+            message = (
+                f"{key} must contain {'integers' if key == 'template' else 'numbers'} for SolarPILOT: rename the column"
+            )
             raise StudyError(Problem(message, file=layout.name))
     sides = np.stack([layout.values(side, None, 0.0) for side in ("width", "height")], axis=1)
     order = {size: number for number, size in enumerate(dict.fromkeys(map(tuple, sides.tolist())))}

@@ -9,8 +9,8 @@ on axis, and a target as a rectangle. `Plant.notes` lists the differences.
 
 A file ``*calibration-properties*.json`` contains one measured spot, with the positions of both motors, the sun
 position, the target and the centre of the spot. The heliostat is identified by the file name
-(``AA39-calibration-properties_1.json``), otherwise by the folder of the file or the parent folder. A single heliostat
-needs no name.
+(``AA39-calibration-properties_1.json``), otherwise by the folder of the file or the parent folder. If the
+folder contains only one heliostat, all spots belong to this heliostat.
 
 The first axis of a PAINT mount is horizontal and points east. The second axis is mounted on the first. The mirror faces
 up if both angles are zero. In a study, a PAINT mount is a ``tilt_roll`` mount with ``axis_azimuth: 90``. The primary
@@ -49,7 +49,7 @@ EVALUATIONS = ("UTIS", "HeliOS")
 
 #: Tolerance for facet centres and sizes in a regular grid. [m]
 _OFF_GRID = 5e-3
-#: Number of decimals of the lengths in a field, for a resolution of 1 micrometre.
+#: Number of decimals to which lengths are rounded [m], for a resolution of 1 micrometre.
 _DIGITS = 6
 _PROPERTIES, _SPOTS, _TOWER = "heliostat-properties.json", "calibration-properties", "*tower-measurements.json"
 _SOURCE = (
@@ -63,7 +63,7 @@ class Plant(NamedTuple):
 
     #: Heliostat pivots relative to the point below the target's centre, mirror sizes, ``id`` and ``canting_distance``.
     layout: Layout
-    #: Block ``site`` with the origin of the plant.
+    #: Block ``site`` with the geographic coordinates of the plant.
     site: dict[str, Any]
     #: Block ``heliostat`` without sizes, which are layout columns, and without the focus, which is unknown.
     heliostat: dict[str, Any]
@@ -105,7 +105,7 @@ def local_positions(place: ArrayLike, origin: Sequence[float]) -> Floats:
 
     Notes
     -----
-    The conversion from geographic to geocentric and then to topocentric coordinates is exact. The conversion uses
+    Geographic coordinates are converted to geocentric and then to topocentric coordinates, without approximations, by
     methods 9602 and 9836 of IOGP (2019), Geomatics guidance note 7-2.
     """
     latitude, longitude = np.radians(origin[:2])
@@ -144,7 +144,7 @@ def _number(unit: str, low: float, high: float, meaning: str = "") -> Quantity:
 
 
 def _record(base: type[_Record] = _Record, /, **keys: Any) -> Any:
-    """Return the class of a record with required keys, each declared by a type or a number."""
+    """Create a record class with required keys, each declared by a type or a `Quantity`."""
     fields: Any = {
         key: (Annotated[float, kind] if isinstance(kind, Quantity) else kind, ...) for key, kind in keys.items()
     }
@@ -287,7 +287,8 @@ def read_paint(folder: str | os.PathLike[str], target: str = "receiver") -> Plan
     -------
     Plant
         The `layout` (for `write_layout`), the study blocks `site`, `heliostat` and `receiver`, and `notes` on the
-        differences between plant and study. The origin is below the centre of the target, at the height of the plant.
+        differences between the plant and the study. The origin is below the centre of the target, at the altitude of
+        the plant.
 
     Raises
     ------
@@ -335,7 +336,7 @@ def _read_tower(folder: Path, target: str) -> tuple[tuple[float, ...], dict[str,
     """Read one target of the tower. Raises a StudyError that refers to lines of the file.
 
     Returns the latitude, longitude [deg] and height [m] of the plant, the study block, and the centre of the target,
-    shape (3,) [m]. The last value is a note on the curvature of the target, which the block omits.
+    shape (3,) [m]. The last value is a note on the curvature of the target, which the study block does not describe.
     """
     towers = _files(folder, _TOWER)
     if len(towers) != 1:
@@ -434,8 +435,8 @@ def read_paint_spots(
         for each spot.
     target : str
         Target whose centre is the origin of the spot coordinates, and whose plane contains the spots. Spots on other
-        targets are moved to this plane along the beam from the mirror's centre. The new position is exact except for
-        the residual of the fit, which grows in proportion to the distance.
+        targets are moved to this plane along the beam from the mirror's centre. The new position is exact for the
+        measured beam. In a later fit, the residual is proportional to the beam length.
     evaluation : {"UTIS", "HeliOS"}
         Image evaluation from which the spot centres are read.
 
@@ -470,7 +471,7 @@ def read_paint_spots(
     strays = [path for path, owner in owners.items() if not owner]
     left_out = sorted({*owners.values()} - {*mirrors, ""})
     if not spots:
-        raise StudyError(Problem(f"holds no *{_SPOTS}*.json{_remedy(strays, left_out, files)}", file=str(folder)))
+        raise StudyError(Problem(f"contains no *{_SPOTS}*.json{_remedy(strays, left_out, files)}", file=str(folder)))
     columns = {key: np.array([spot[key] for spot in spots]) for key in spots[0]}
     columns["target"] = np.full(len(spots), target)
     counts, names = columns.pop("counts"), np.unique(columns["heliostat"]).tolist()
@@ -501,7 +502,7 @@ def _remedy(strays: Sequence[Path], others: Sequence[str], names: Iterable[str])
     if strays:
         name, stray = next(iter(names)), strays[0].name
         return f" of a heliostat: rename {stray} to {name}-{stray}, or put it into a folder {name}"
-    return f" of heliostats with linear actuators; {', '.join(others)} have others" * bool(others)
+    return f" of heliostats with linear actuators; the actuators of {', '.join(others)} are not linear" * bool(others)
 
 
 def _spot(
@@ -518,7 +519,7 @@ def _spot(
     counts = [getattr(record.motor_position, key) for key in _MOTORS]
     angles = [joint.joint_angle(count) for joint, count in zip(joints, counts, strict=True)]
     for key, angle in zip(_MOTORS, angles, strict=True):
-        message = "is a stroke with which the actuator does not form a triangle"
+        message = "corresponds to a stroke at which the actuator cannot form a triangle"
         _need(not math.isnan(angle), path, ("motor_position", key), message)
     _need(evaluation in record.focal_spot, path, ("focal_spot",), f"has no {evaluation!r}")
     spot, centre = local_positions(record.focal_spot[evaluation], origin) - below, pivot
@@ -531,7 +532,7 @@ def _spot(
     # Move the spot along the beam to the plane of the target.
     way, target = spot - centre, np.array([0.0, 0.0, float(receiver["height"])])
     before, towards = float((centre - target) @ out), float(-way @ out)
-    message = "is a spot whose beam does not reach the plane of the target: choose another one"
+    message = "is a spot whose beam does not reach the plane of the target: choose another target"
     _need(before > 0 and towards > 0, path, ("focal_spot",), message)
     place = centre + before / towards * way - target
     label, on = path.stem.replace(f"-{_SPOTS}", ""), record.target_name[:60].replace("\n", " ")

@@ -5,8 +5,8 @@ by half a pitch relative to the previous ring. Heliostats in every second ring t
 heliostat sees the tower between two heliostats of the previous ring. The distance between neighbours increases outwards
 until a new zone with a smaller pitch starts. Neighbours in the first ring of a zone, and neighbours in successive
 rings, are one clearance apart, as in the field of Chong and Tan [1]_. The spacing can also increase with the distance
-from the tower, by the rule of DELSOL [2]_ or the no-blocking rule [3]_. These rules reduce blocking but require a
-larger land area.
+from the tower, according to the DELSOL rule [2]_ or the no-blocking rule [3]_. These rules reduce blocking but require
+a larger land area.
 
 References
 ----------
@@ -71,8 +71,8 @@ class Spacing(NamedTuple):
         """Return the distance to the next ring: half the distance to the next ring with equal azimuths. [m]
 
         The coefficients of the fit are those in the source code of DELSOL3. Some publications misprint the coefficient
-        1.144 as 1.44, and round the other coefficients. By the no-blocking rule, the line from a mirror's centre to the
-        receiver is one mirror height away from the centre of the mirror in front.
+        1.144 as 1.44, and round the other coefficients. The no-blocking rule requires that the line from a mirror's
+        centre to the receiver passes one mirror height from the centre of the mirror in front.
         """
         if self.rule == "delsol":
             t = self.elevation(radius)
@@ -82,7 +82,7 @@ class Spacing(NamedTuple):
         return (further - radius) / 2
 
     def apart(self, radius: float) -> float:
-        """Return the minimum distance between neighbours in the first ring of a zone; 0 if the rule has none. [m]
+        """Return the minimum distance between neighbours in the first ring of a zone, or 0 without a minimum. [m]
 
         The last term of the fit is often printed as 0.2873 m, which applies only to mirrors 10 m wide.
         """
@@ -111,8 +111,8 @@ def radial_stagger(
     """Generate a radial-staggered layout on level ground.
 
     The layout is symmetric about the north-south line unless the region is asymmetric. The extent of the field is
-    specified by exactly one of `rings`, `heliostats` and `zones`, or by the region. Bounds that are checked in study
-    files, such as positive numbers, are not checked here.
+    specified by exactly one of `rings`, `heliostats` and `zones`, or by the region. Simple bounds, such as positive
+    lengths, are checked when a study file is read, and are not checked again here.
 
     Parameters
     ----------
@@ -143,12 +143,12 @@ def radial_stagger(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. The key of each problem is the name of the
-        parameter, such as ``zones.1.pitch`` for the second zone.
+        If the parameters do not define a field. Each problem names the parameter, such as ``zones.1.pitch`` for the
+        second zone.
 
     Notes
     -----
-    With clearance c, pitch p and radius r(k) of ring k of a zone,
+    Let c be the clearance, p the pitch of a zone, and r(k) the radius of its ring k. The radii follow from
 
         r(k+1) = r(k) cos(p/2) + sqrt(c^2 - r(k)^2 sin^2(p/2)),  at least r(k-1) + c,
 
@@ -235,7 +235,7 @@ def _given_zones(clearance: float, zones: Sequence[Zone]) -> Iterator[Ring]:
 
 
 def _automatic_zones(clearance: float, start: float, spacing: Spacing | None) -> Iterator[Ring]:
-    """Yield rings as long as the spacing rule (if any) is defined. A new zone starts if gaps are too wide."""
+    """Yield rings until the spacing rule, if any, is undefined. A new zone starts when gaps become too wide."""
     delsol = spacing is not None and spacing.rule == "delsol"
     while spacing is None or spacing.reaches(start):
         pitch, closed = _pitch(clearance, start)
@@ -337,8 +337,7 @@ def spiral(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. The key of each problem is the name of the
-        parameter.
+        If the parameters do not define a field. Each problem names the parameter.
     """
 
     def places(radius: float) -> Places:
@@ -393,8 +392,7 @@ def rows(
     Raises
     ------
     StudyError
-        If no field is possible with the parameters. The key of each problem is the name of the
-        parameter.
+        If the parameters do not define a field. Each problem names the parameter.
     """
     turn = math.radians(azimuth)
 
