@@ -26,13 +26,13 @@ from heliosweep.light import (
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-#: Default number of rays per image, and default gap between the power and its upper bound as a fraction of the bound.
+#: Default number of rays per image, and default relative gap between the power and its upper bound.
 RAYS, GAP = 1024, 2e-3
-#: Maximum distance of an aim point from the surface of the receiver. [m]
+#: Maximum distance of an aim point from the receiver surface. [m]
 SLACK = 0.01
 #: Dimensions, unit and description of each result variable.
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "aim": (("heliostat",), "1", "index of the aim point, -1 if stowed"),
+    "aim": (("heliostat",), "1", "index of the aim point, or -1 if stowed"),
     **{f"aim_{axis}": (("heliostat",), "m", f"{words} of the aim point")
        for axis, words in (("x", "east"), ("y", "north"), ("z", "height"))},
     "aimed_flux_map": (("flux_row", "flux_column"), "kW m-2", "flux with the chosen aim points"),
@@ -43,14 +43,14 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "power_bound": ((), "MW", "upper bound of the power over all choices of aim points within the limit"),
     "aimed_peak_flux": ((), "kW m-2", "maximum flux in a cell"),
     "unlimited_peak_flux": ((), "kW m-2", "maximum flux in a cell without a flux limit"),
-    "limit_loss": ((), "1", "fraction of the unlimited power that is lost due to the limit"),
+    "limit_loss": ((), "1", "fraction of the unlimited power lost due to the flux limit"),
     "aim_gap": ((), "1", "maximum power that other aim points could gain, as a fraction of the bound"),
     "stowed_heliostats": ((), "1", "number of stowed heliostats"),
 }  # fmt: skip
 
 
 class Aims(NamedTuple):
-    """Aim points of heliostats, the resulting power, and an upper bound on the power."""
+    """Aim points of all heliostats, the resulting power, and an upper bound on the power."""
 
     #: Index of the aim point of each heliostat, or -1 if the heliostat is stowed.
     choice: Integers
@@ -65,22 +65,22 @@ class Aims(NamedTuple):
 def choose_aims(
     power: Floats, flux: csr_matrix, limit: Floats, *, gap: float = GAP, threads: int | None = None
 ) -> Aims:
-    """Choose an aim point for each heliostat, or stow the heliostat, to maximise the power under flux limits.
+    """Choose aim points that maximise the power of a field under flux limits.
 
-    The function maximises the sum of the powers P_ia, where a is the aim point chosen for heliostat i. The flux in each
-    cell c must satisfy sum F_iac <= L_c.
+    Each heliostat i is assigned an aim point a or is stowed. The sum of the powers P_ia is maximised, subject to the
+    condition that the flux in each cell c, sum F_iac, is at most L_c.
 
     Parameters
     ----------
     power : ndarray, shape (A, N)
         Power from each heliostat for each aim point. [any unit]
     flux : csr_matrix, shape (A * N, C)
-        Flux in each cell; row a * N + i contains the flux from heliostat i for aim point a. [any unit]
+        Flux in each cell. Row a * N + i contains the flux from heliostat i for aim point a. [any unit]
     limit : ndarray, shape (C,)
         Maximum flux in each cell, above 0. [unit of the flux]
     gap : float
-        Difference between bound and power, as a fraction of the bound, at which the search ends. The search also ends
-        if the bound hardly decreases.
+        Difference between the bound and the power, as a fraction of the bound, at which the search stops. The search
+        also stops when the bound hardly decreases.
     threads : int, optional
         Number of threads (default: all cores). The results do not depend on this number.
 
@@ -92,21 +92,21 @@ def choose_aims(
     Raises
     ------
     ValueError
-        If the shapes do not match, a limit is not above 0, or a heliostat alone exceeds the limit with each of its aim
+        If the shapes do not match, a limit is not above 0, or a single heliostat exceeds a limit with each of its aim
         points. The message names the heliostat and the cell.
 
     Notes
     -----
-    For prices lambda_c >= 0 the dual function
+    For prices lambda_c >= 0, the dual function
 
         D(lambda) = sum_i max(0, max_a (P_ia - sum_c lambda_c F_iac)) + sum_c lambda_c L_c
 
     is an upper bound on the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer
     programming", Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises D in rounds of decreasing
-    smoothing. At the end of each round, aim points are chosen according to their shares. Each heliostat in turn is
-    assigned the aim point with the maximum power minus a penalty for the overload of cells. The penalty increases until
-    no cell exceeds its limit. Then heliostats move to better aim points within the limits. For small problems, HiGHS
-    computes the best choice by branch and bound.
+    smoothing. At the end of each round, each heliostat in turn is assigned the aim point with the maximum power after
+    subtraction of a penalty for overloaded cells. The penalty increases until no cell exceeds its limit. Heliostats
+    then move to better aim points within the limits. For small problems, HiGHS finds the best choice by branch and
+    bound.
 
     Examples
     --------
@@ -128,10 +128,10 @@ def choose_aims(
         raise ValueError(f"`limit` must be above 0 in each cell (got {np.min(limit):g})")
     if (problem := overload(flux, limit, power.shape[1])) is not None:
         raise ValueError(
-            "`limit`: heliostat {} alone has the flux {:g} in cell {}; increase the limit".format(*problem)
+            "`limit`: heliostat {} alone causes a flux of {:g} in cell {}; increase the limit".format(*problem)
         )
     count, images, mean = power.shape[1], _images(flux), max(float(power.max(axis=0).mean()), 1e-300)
-    # The field is summed in up to 8 parts of at least 32 heliostats.
+    # The heliostats are summed in up to 8 groups of at least 32.
     unit, parts = mean / limit, np.linspace(0, count, max(1, min(8, count // 32)) + 1).astype(int)
     share, loads = np.empty(power.shape), np.empty((len(parts) - 1, limit.size))
     scaled = price = np.zeros(limit.size)
@@ -155,11 +155,13 @@ def choose_aims(
             if (value := float(np.maximum(net.max(axis=0), 0.0).sum() + mean * scaled.sum())) < bound:
                 bound, price = value, scaled * unit
             smooth(scaled, smoothing * mean)
-            penalty = 2.0 * mean  # for an overload
+            penalty = 2.0 * mean  # per unit of overload
             choice = _rounded(power, net, images, limit, share, loads.sum(axis=0), penalty)
             if (total := _total(power, choice)) > best_power:
                 best, best_power = choice, total
-            if best_power >= (1.0 - gap) * bound or last - bound < 0.2 * gap * bound:  # the bound hardly decreases
+            if (
+                best_power >= (1.0 - gap) * bound or last - bound < 0.2 * gap * bound
+            ):  # the bound hardly decreases
                 break
     if power.size <= 200 and best_power < (1.0 - gap) * bound:  # small enough for branch and bound
         choice, value = _exact(power / mean, flux, limit)
@@ -181,7 +183,7 @@ def _total(power: Floats, choice: Integers) -> float:
 def _rounded(
     power: Floats, net: Floats, images: tuple[Any, ...], limit: Floats, share: Floats, load: Floats, penalty: float
 ) -> Integers:
-    """Return a choice of aim points within the limits, based on their shares, flux and net power."""
+    """Return a choice of aim points within the limits, from their shares, flux and net powers."""
     choice = np.full(power.shape[1], -1)
     order = np.argsort(-share.max(axis=0), kind="stable")
     kernel.choose(order, net, images, limit, penalty, share, load, choice)
@@ -194,7 +196,7 @@ def _rounded(
 
 
 def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, float]:
-    """Return the best choice and the upper bound that HiGHS finds by branch and bound within 100 nodes."""
+    """Return the best choice and the upper bound found by HiGHS within 100 nodes of branch and bound."""
     from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import diags, identity, kron, vstack
 
@@ -207,7 +209,7 @@ def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, fl
 
 
 def overload(flux: csr_matrix, limit: Floats, count: int) -> tuple[int, float, int] | None:
-    """Find a heliostat that exceeds a limit with every aim point, and return its index, flux and cell (or None).
+    """Return the index, flux and cell of a heliostat that exceeds a limit with every aim point, or None.
 
     Parameters
     ----------
@@ -226,11 +228,11 @@ def overload(flux: csr_matrix, limit: Floats, count: int) -> tuple[int, float, i
 
 
 def aim_grid(receiver: tracer.Receiver, centre: Floats, rows: int, columns: int, azimuth_span: float) -> Floats:
-    """Return aim points in rows and columns on the receiver, shape (rows * columns, N, 3). [m]
+    """Return a grid of aim points on the receiver, shape (rows * columns, N, 3). [m]
 
-    The aim points are the centres of equal cells, with rows from the bottom up. The cells divide a rectangle, or a
-    strip of a cylinder. The strip extends over `azimuth_span` [rad] around the point nearest to each heliostat. The
-    positions of the heliostats are `centre`, shape (N, 3) [m].
+    The aim points are the centres of equal cells, with rows from the bottom up. The cells cover a rectangle, or a strip
+    of a cylinder. The strip spans the angle `azimuth_span` [rad] and is centred on the point nearest to the heliostat.
+    `centre` contains the mirror centres, shape (N, 3) [m].
     """
     up, along = (((np.arange(count) + 0.5) / count - 0.5) for count in (rows, columns))
     height = np.multiply.outer(2.0 * receiver.half_height * np.repeat(up, columns), receiver.upward)[:, np.newaxis]
@@ -244,7 +246,7 @@ def aim_grid(receiver: tracer.Receiver, centre: Floats, rows: int, columns: int,
 
 
 def off_receiver(receiver: tracer.Receiver, centre: Floats, points: Floats) -> Floats:
-    """Return the distance of aim points from the receiver's surface, shape (..., N). [m]
+    """Return the distance of aim points from the receiver surface, shape (..., N). [m]
 
     The distance is infinite for a heliostat behind the receiver.
     """
@@ -262,7 +264,10 @@ def off_receiver(receiver: tracer.Receiver, centre: Floats, points: Floats) -> F
 
 
 def image_bytes(kind: int, heliostats: int, aims: int, cells: tuple[int, int], rays: int) -> int:
-    """Return the maximum size of the images of all heliostats. Each image covers at most half of a cylinder. [bytes]"""
+    """Return the maximum size of the images of all heliostats. [bytes]
+
+    An image covers at most half of a cylinder.
+    """
     lit = cells[0] * (cells[1] // 2 + 2 if kind == tracer.CYLINDER else cells[1])
     return 2 * 8 * min(lit, rays) * heliostats * aims
 
@@ -286,7 +291,7 @@ def aim_images(
     cells : (int, int)
         Numbers of rows and columns of cells on the receiver.
     share : ndarray, shape (N,)
-        Power of the light on each mirror at normal incidence, less the losses due to reflection and attenuation. [kW]
+        Power of the light on each mirror at normal incidence, minus reflection and attenuation losses. [kW]
     rays, seed, threads
         As in `kernels.rays.trace`.
     """
@@ -313,10 +318,9 @@ def _load(flux: csr_matrix, choice: Integers) -> Floats:
 
 
 def targets(scene: tracer.Scene, place: Floats) -> Floats:
-    """Return the aim points of a field for the tracer, shape (N, 3). [m]
+    """Return the aim points of a field for the ray tracer, shape (N, 3). [m]
 
-    Stowed heliostats, which are NaN in `place`, aim at a point above the tower, at three times the height of the
-    receiver.
+    A heliostat with NaN in `place` is stowed and aims at a point above the tower, at three times the receiver height.
     """
     above = np.array([*scene.receiver.centre[:2], 3.0 * scene.receiver.centre[2]])
     return np.where(np.isnan(place), above, place)
@@ -326,11 +330,11 @@ def limited_aims(
     scene: tracer.Scene, sun: Floats, points: Floats, limit: Floats, share: Floats, *, rays: int = RAYS, seed: int = 0,
     gap: float = GAP, threads: int = 1,
 ) -> dict[str, Any]:  # fmt: skip
-    """Choose aim points whose flux meets the limits in a finer trace, and return the values of `VARIABLES`.
+    """Choose aim points, check them with a finer trace, and return the values of `VARIABLES`.
 
-    The images of heliostats contain noise. Each round replaces the images of the chosen aim points by images with more
-    rays. The limit of each overloaded cell is divided by the square root of the ratio of flux to limit. Heliostats then
-    change their aim points until the flux meets the new limits.
+    The images of the heliostats contain noise. Each round replaces the images for the chosen aim points with images
+    traced with more rays. In each overloaded cell, the limit is divided by the square root of the ratio of flux to
+    limit. Heliostats then change their aim points until the flux meets the reduced limits.
 
     Parameters
     ----------
@@ -344,8 +348,7 @@ def limited_aims(
     Raises
     ------
     ValueError
-        If a heliostat alone exceeds the limit with each of its aim points. The message names the heliostat and the
-        cell.
+        If a single heliostat exceeds a limit with each of its aim points. The message names the heliostat and the cell.
     """
     from scipy.sparse import csr_matrix, diags
 
@@ -358,8 +361,8 @@ def limited_aims(
     whole, free = float(power.max(axis=0).sum()), _load(flux, power.argmax(axis=0))  # power and flux without a limit
     found = choose_aims(power, flux, most, gap=gap, threads=threads)
     choice, least, reduced = found.choice, np.inf, most
-    penalty = 10.0 * power.max(axis=0).mean()  # high, because few heliostats change their aim points
-    for _ in range(6):  # at most, until a trace with 16 times the rays exceeds no limit by more than 0.5 %
+    penalty = 10.0 * power.max(axis=0).mean()  # high, because only a few heliostats change their aim points
+    for _ in range(6):  # ends early if no cell exceeds its limit by more than 0.5 % in a trace with 16 times the rays
         place = np.where(choice[:, np.newaxis] < 0, np.nan, points[choice, np.arange(count)])
         fine = aim_images(
             scene, sun, targets(scene, place)[np.newaxis], cells=cells, share=share, rays=16 * rays,
@@ -380,7 +383,7 @@ def limited_aims(
         choice = _rounded(power, power, _images(flux), reduced, shares, _load(flux, choice), penalty)
     choice, place, checked = kept
     output, maps = area * float(checked.sum()), (values.reshape(cells) for values in (checked, free, found.price))
-    bound = max(found.bound, output)  # power and bound have different noise
+    bound = max(found.bound, output)  # the noise of the power differs from the noise of the bound
     values = (
         choice, *place.T, *maps, *(1e-3 * np.array((output, whole, bound))), checked.max(), free.max(),
         *(max(1.0 - output / (best or np.nan), 0.0) for best in (whole, bound)), np.count_nonzero(choice < 0),
@@ -395,10 +398,10 @@ def flux_limited_aims(
     reflectivity: ArrayLike = 1.0, transmittance: ArrayLike = 1.0, rays: int = RAYS, seed: int = 0, gap: float = GAP,
     memory: float = 4e9, threads: int | None = None, **field: Any,
 ) -> xr.Dataset:  # fmt: skip
-    """Aim or stow the heliostats in a field to maximise the power on the receiver under a flux limit.
+    """Choose aim points that maximise the power on the receiver under a flux limit.
 
-    The field is traced once for each aim point to compute the image of each heliostat. `choose_aims` selects the aim
-    points.
+    The field is traced once for each aim point to compute the images of all heliostats. The function `choose_aims` then
+    selects the aim points.
 
     Parameters
     ----------
@@ -409,12 +412,11 @@ def flux_limited_aims(
     limit : float or array, shape (rows of cells,) or (rows of cells, columns of cells)
         Maximum flux in each cell, with rows of cells from the bottom up. [kW m-2]
     rows, columns : int
-        Numbers of rows and columns of aim points, which are the centres of equal receiver cells.
+        Numbers of rows and columns of aim points, which divide the receiver evenly.
     azimuth_span : float
-        Angle over which the columns of aim points on a cylinder extend, centred on the point nearest to the heliostat.
-        [deg]
+        Angle spanned by the columns of aim points on a cylinder, centred on the point nearest to the heliostat. [deg]
     aims : array, shape (A, 3) or (A, N, 3), optional
-        Aim points to use instead of the rows and columns. [m]
+        Aim points, which replace the grid of rows and columns. [m]
     flux_map : (int, int)
         Numbers of rows and columns of the flux map.
     dni : float
@@ -425,8 +427,8 @@ def flux_limited_aims(
         Number of rays per image.
     seed : int
         Random seed for the images. The flux for the chosen aim points is traced with the next seed and 16 times as many
-        rays. Cells that then exceed the limit by more than 0.5 % get a lower limit, and the aim points are chosen
-        again.
+        rays. If a cell then exceeds its limit by more than 0.5 %, the limits of overloaded cells are reduced and aim
+        points are chosen again.
     gap : float
         As in `choose_aims`.
     memory : float
@@ -437,17 +439,17 @@ def flux_limited_aims(
     Returns
     -------
     xarray.Dataset
-        Variables of each heliostat: `aim`, the index of the aim point or -1 if stowed, and the coordinates of the aim
-        point `aim_x`, `aim_y`, `aim_z` [m], which are NaN if stowed. Maps: `aimed_flux_map`, `unlimited_flux_map` [kW
-        m-2], and `flux_price`, the power gained per unit increase of the limit [kW / (kW m-2)]. Scalars: `aimed_power`,
-        `unlimited_power`, `power_bound` [MW]; `aimed_peak_flux`, `unlimited_peak_flux` [kW m-2]; `limit_loss`, a
-        fraction of the unlimited power; `aim_gap`, a fraction of the bound; `stowed_heliostats`.
+        Variables for each heliostat: `aim`, the index of the aim point (-1 if stowed), and `aim_x`, `aim_y` and
+        `aim_z`, the coordinates of the aim point (NaN if stowed) [m]. Maps: `aimed_flux_map` and `unlimited_flux_map`
+        [kW m-2], and `flux_price`, the power gained per unit increase of the limit [kW / (kW m-2)]. Scalars:
+        `aimed_power`, `unlimited_power` and `power_bound` [MW]; `aimed_peak_flux` and `unlimited_peak_flux` [kW m-2];
+        `limit_loss`, a fraction of the unlimited power; `aim_gap`, a fraction of the bound; and `stowed_heliostats`.
 
     Raises
     ------
     ValueError
-        If an aim point is off the receiver, a limit is below the flux of one heliostat, or the images exceed `memory`.
-        The message names the heliostat and the cell.
+        If an aim point is off the receiver, if the flux of a single heliostat exceeds a limit, or if the images exceed
+        `memory`. The message names the heliostat and the cell.
 
     Examples
     --------
