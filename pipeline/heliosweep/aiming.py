@@ -159,9 +159,7 @@ def choose_aims(
             choice = _rounded(power, net, images, limit, share, loads.sum(axis=0), penalty)
             if (total := _total(power, choice)) > best_power:
                 best, best_power = choice, total
-            if (
-                best_power >= (1.0 - gap) * bound or last - bound < 0.2 * gap * bound
-            ):  # the bound hardly decreases
+            if best_power >= (1.0 - gap) * bound or last - bound < 0.2 * gap * bound:  # the bound hardly decreases
                 break
     if power.size <= 200 and best_power < (1.0 - gap) * bound:  # small enough for branch and bound
         choice, value = _exact(power / mean, flux, limit)

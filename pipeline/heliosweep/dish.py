@@ -1,7 +1,7 @@
 """Tracking error, effective tracking factor and tolerable tilt of dishes on tilted mounts, without a study file.
 
-Azimuths of the sun run clockwise from north. The direction of a tilt is the direction in which the foot of the azimuth
-axis leans, measured from south and positive to the west. Angles are in degrees; tracking errors and tolerances are in
+Sun azimuths run clockwise from north. The tilt direction is the direction in which the foot of the azimuth axis leans,
+measured from south and positive towards west. Angles are in degrees; tracking errors and tolerances are in
 milliradians.
 """
 
@@ -20,13 +20,13 @@ from heliosweep.kernels.compiled import Floats
 from heliosweep.lazy import xr
 from heliosweep.sun import direction
 
-#: Models of a tilted mount, with their codes in the kernel.
+#: Models of a tilted mount and their codes in the kernel.
 MODELS = {"rigid": kernel.RIGID, "untilted_home_axes": kernel.UNTILTED_HOME_AXES}
 #: Mount errors other than the tilt, in the order that `window_factors` expects. [deg]
 ERRORS = (
     "home_azimuth_offset", "home_elevation_offset", "azimuth_reference", "non_orthogonality", "collimation"
 )  # fmt: skip
-#: Tilts at which the factor is computed before the search between two neighbouring tilts. [deg]
+#: Tilts at which the factor is computed to bracket the root in `largest_tilt`. [deg]
 SCAN = np.array([0.0, *np.geomspace(1e-3, 45.0, 48)])
 
 
@@ -34,7 +34,7 @@ def tracking_error(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, axis_tilt: ArrayLike, axis_tilt_direction: ArrayLike = 0.0, *,
     model: str = "rigid", **errors: ArrayLike,
 ) -> Any:  # fmt: skip
-    """Return the angle between the sun and the focal axis of a dish.
+    """Compute the angle between the sun and the focal axis of a dish.
 
     Parameters
     ----------
@@ -45,13 +45,13 @@ def tracking_error(
     axis_tilt_direction : float, array or DataArray
         Direction in which the foot of the axis leans: 0 south, 90 west. [deg]
     model : {'rigid', 'untilted_home_axes'}
-        Model of the tilt: the whole mount leans ('rigid'), or only the azimuth axis leans and the home positions of the
-        other axes do not change.
+        Tilt model: the whole mount leans ('rigid'), or only the azimuth axis leans and the home positions of the other
+        axes do not change ('untilted_home_axes').
     **errors : float, array or DataArray
-        Other errors of the mount: ``home_azimuth_offset`` and ``home_elevation_offset``; ``azimuth_reference``, the
-        excess rotation of the mount, clockwise as seen from above; ``non_orthogonality`` of the elevation axis,
-        positive if the end to the right of the focal axis is lower; and ``collimation`` of the focal axis, positive to
-        the right. All errors are broadcast against the tilt. [deg]
+        Other mount errors: ``home_azimuth_offset`` and ``home_elevation_offset``; ``azimuth_reference``, the excess
+        rotation of the mount, clockwise as seen from above; ``non_orthogonality`` of the elevation axis, positive if
+        the end to the right of the focal axis is lower; and ``collimation`` of the focal axis, positive to the right.
+        All errors are broadcast against the tilt. [deg]
 
     Returns
     -------
@@ -61,7 +61,7 @@ def tracking_error(
     Raises
     ------
     ValueError
-        If the model or an error is unknown, or a tilt is outside its range.
+        If the model or an error is unknown, or if a tilt is outside its range.
 
     References
     ----------
@@ -86,7 +86,9 @@ def tracking_factor(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, axis_tilt: ArrayLike, axis_tilt_direction: ArrayLike = 0.0,
     tolerance: ArrayLike = 4.0, *, model: str = "rigid", clip: bool = False, **errors: ArrayLike,
 ) -> Any:  # fmt: skip
-    """Return the effective tracking factor, which is 1 minus the ratio of the mean tracking error to the tolerance.
+    """Compute the effective tracking factor.
+
+    The factor is 1 minus the ratio of the mean tracking error to the tolerance.
 
     Parameters
     ----------
@@ -95,12 +97,12 @@ def tracking_factor(
     tolerance : float, array or DataArray
         Tracking error at which the factor is zero. [mrad]
     clip : bool
-        If True, tracking errors above `tolerance` are set to `tolerance`.
+        If True, tracking errors are clipped to `tolerance`.
 
     Returns
     -------
     float, array or DataArray
-        Factor of each mount; 1 for perfect tracking, negative if the mean error exceeds the tolerance. [1]
+        Tracking factor of each mount; 1 for perfect tracking, negative if the mean error exceeds the tolerance. [1]
 
     Raises
     ------
@@ -130,7 +132,7 @@ def tolerable_tilt(
     sun_azimuth: ArrayLike, sun_elevation: ArrayLike, required_factor: ArrayLike, axis_tilt_direction: ArrayLike = 0.0,
     tolerance: ArrayLike = 4.0, *, model: str = "rigid", clip: bool = False, **errors: ArrayLike,
 ) -> Any:  # fmt: skip
-    """Return the maximum tilt of the azimuth axis for a required tracking factor.
+    """Compute the maximum tilt of the azimuth axis for a required tracking factor.
 
     Parameters
     ----------
@@ -169,30 +171,30 @@ def tolerable_tilt(
 def dish_intercept(
     tracking_error: ArrayLike, *, focal_length: float, diameter: float, aperture_radius: float, spread: float
 ) -> Any:
-    """Return the fraction of the light from a paraboloid that passes through a round aperture in its focal plane.
+    """Compute the fraction of light from a paraboloid that enters a circular aperture at the focus.
 
-    The light from each mirror point has a Gaussian distribution about the direction of the ray. The distance of the
-    mirror point from the focus is rho = 2 f / (1 + cos theta), where theta is the angle from the axis seen from the
-    focus. A deviation of the ray shifts the light in the focal plane by rho times the deviation in the tangential
-    direction, and by rho / cos theta times the deviation in the radial direction. The tracking error shifts the light
-    from all mirror points.
+    The light from each mirror point has a Gaussian distribution about the direction of the reflected ray. The distance
+    from the mirror point to the focus is rho = 2 f / (1 + cos theta), where f is the focal length and theta is the
+    angle between the mirror point and the axis as seen from the focus. A deviation of the ray shifts the light in the
+    focal plane by rho times the tangential deviation and by rho / cos theta times the radial deviation. The tracking
+    error deviates the light from all mirror points.
 
     Parameters
     ----------
     tracking_error : float, array or DataArray
-        Angle between the sun and the axis of the dish. [mrad]
+        Angle between the sun and the focal axis of the dish. [mrad]
     focal_length, diameter : float
         Focal length and diameter of the dish, with a rim angle below 90 deg. [m]
     aperture_radius : float
         Radius of the aperture, which is perpendicular to the axis and centred at the focus. [m]
     spread : float
-        Standard deviation of the direction of a reflected ray per axis, due to the sun, twice the slope error, and
-        specularity. [mrad]
+        Standard deviation per axis of the direction of a reflected ray, due to the sun shape, twice the slope error,
+        and specularity. [mrad]
 
     Returns
     -------
     float, array or DataArray
-        Fraction of the light, weighted by the projected area of the mirror. [1]
+        Fraction of the light that enters the aperture, weighted by the projected mirror area. [1]
 
     Raises
     ------
@@ -203,9 +205,9 @@ def dish_intercept(
     -----
     The angle between a deviation and the meridian of a mirror point is uniformly distributed, because the dish and the
     light are symmetric. The deviation is Gaussian about the tracking error, so its magnitude has a Rice distribution.
-    Each mirror point has a maximum deviation at which its light still passes. The result is the mean of the
-    distribution function at these maxima. The accuracy is 1e-5 for rim angles up to 80 deg, and 1e-4 for larger rim
-    angles.
+    For each mirror point, light enters the aperture up to a maximum deviation. The result is the mean of the Rice
+    distribution function at these maxima. The result is accurate to 1e-5 for rim angles up to 80 deg, and to 1e-4 for
+    larger rim angles.
 
     Examples
     --------
@@ -220,7 +222,7 @@ def dish_intercept(
     sizes = np.array([focal_length, diameter, aperture_radius, spread])
     if not (sizes > 0.0).all() or not np.isfinite(sizes).all() or diameter >= 4.0 * focal_length:
         raise ValueError("lengths and `spread` must be above 0, and `diameter` below four times the focal length")
-    # Points are evenly spaced in area, and in the angle of the deviation from the meridian.
+    # Mirror points are evenly spaced in area. Deviations are evenly spaced in the angle from the meridian.
     radius = 0.5 * diameter * np.sqrt(_middles(1000))[:, np.newaxis]
     angle = 0.5 * np.pi * _middles(200)
     theta = 2.0 * np.arctan(0.5 * radius / focal_length)
@@ -228,12 +230,12 @@ def dish_intercept(
     limit = np.sort(aperture_radius / np.hypot(along / np.cos(theta) * np.cos(angle), along * np.sin(angle)), axis=None)
     width, wanted = 1e-3 * spread, np.abs(np.asarray(tracking_error, np.float64)) * 1e-3
     tail = 6.0  # cut-off of the Gaussian, in standard deviations
-    # With smaller errors, all light passes; with larger errors, no light passes.
+    # All light passes for errors below `low`, and no light passes for errors above `high`.
     low, high = max(0.0, limit[0] - tail * width), limit[-1] + tail * width
     error = np.clip(wanted, low, high)
     high = min(high, max(float(np.nanmax(error, initial=low)), low + width))
     known = np.linspace(low, high, min(max(math.ceil(8.0 * (high - low) / width), 8), 2048) + 1)
-    # Fraction of the mirror whose light passes at each deviation, as means over cells whose width is 1/128 of the
+    # Fraction of the mirror whose light passes at each deviation, averaged over cells with a width of 1/128 of the
     # spread.
     cell = width / 128.0
     first = np.floor(known / cell)[:, np.newaxis] + np.arange(-128.0 * tail, 128.0 * tail + 1.0)
@@ -265,9 +267,9 @@ def window_factors(
     model, tilt, direction, tolerance, clip
         As in `tracking_factor`. Arrays are broadcast against each other. [deg, mrad]
     windows : kernels.dish.Windows
-        Instants in W windows.
+        Instants in W time windows.
     *errors : ndarray
-        Errors of the mounts in the order of `ERRORS`. [deg]
+        Mount errors in the order of `ERRORS`. [deg]
 
     Returns
     -------
@@ -293,25 +295,25 @@ def window_factors(
 
 
 def largest_tilt(least: Callable[..., Floats], required: Floats, *mount: Floats) -> Floats:
-    """Return the maximum tilt at which the minimum factor of a mount reaches the required factor.
+    """Return the maximum tilt at which the minimum factor of a mount meets the requirement.
 
-    A tilt can compensate for a home offset, so the factor may rise with the tilt before it falls. Therefore, the factor
-    is first computed at the tilts of `SCAN`. The root is then searched between the last tilt of the scan that meets the
-    requirement and the next tilt. A separate range of larger tilts that also meets the requirement is missed if it is
-    narrower than a step of the scan.
+    A tilt can compensate for a home offset, so the factor may increase with the tilt before it decreases. Therefore,
+    the factor is first computed at the tilts in `SCAN`. The root is then found between the last of these tilts that
+    meets the requirement and the next tilt. A separate range of larger tilts that also meets the requirement is missed
+    if it is narrower than a step of the scan.
 
     Parameters
     ----------
     least : callable
-        Function that returns minimum factors for tilts [deg] and `mount`, all arrays of equal shapes.
+        Function that returns minimum factors for tilts [deg] and the arrays in `mount`.
     required, *mount : ndarray
         Required factors [1] and other properties of the mounts. All arrays are broadcast against each other.
 
     Returns
     -------
     ndarray
-        Maximum tilts; 0 if no tilt meets the requirement, NaN if the maximum tilt of the scan meets the requirement or
-        if a mount has no factor. [deg]
+        Maximum tilts; 0 if no tilt meets the requirement, NaN if the largest tilt in `SCAN` meets the requirement or if
+        the factor of the mount is NaN. [deg]
     """
     from scipy.optimize.elementwise import find_root
 
@@ -332,10 +334,10 @@ def _of_mounts(
     function: Callable[..., Floats], azimuth: ArrayLike, elevation: ArrayLike, mount: tuple[ArrayLike, ...],
     errors: Mapping[str, ArrayLike], words: Mapping[str, str], series: bool = False,
 ) -> Any:  # fmt: skip
-    """Call a function with unit vectors to the sun, shape (T, 3), and the properties and errors of mounts.
+    """Call a function with unit vectors to the sun, shape (T, 3), and the properties and errors of the mounts.
 
-    The function returns an array of shape (..., T), or (..., 1) if `series` is False. The result is a DataArray if any
-    argument is a DataArray.
+    The function must return an array of shape (..., T), or (..., 1) if `series` is False. The result is a DataArray if
+    any argument is a DataArray.
     """
     if unknown := sorted(set(errors) - set(ERRORS)):
         raise ValueError(f"unknown mount error {unknown[0]!r}: use {', '.join(ERRORS)}")

@@ -1,8 +1,9 @@
 """Backward gazing without a study file: mirror slopes from camera images of the reflected sun.
 
-Azimuths run from south towards east. On the mirror, y points to the right and z up as seen from the cameras at the
-target. Slopes are the horizontal and vertical components of the normal relative to the ideal mirror, a
-sphere. Angles are in degrees, and slopes are in milliradians. Brightness is relative to the centre of the sun's disc.
+Azimuths are measured from south and are positive towards east. On the mirror, y points to the right and z points up, as
+seen from the cameras at the target. Slopes are the horizontal and vertical components of the normal relative to an
+ideal spherical mirror. Angles are in degrees, and slopes are in milliradians. Brightness is relative to the centre of
+the solar disc.
 """
 
 from __future__ import annotations
@@ -30,26 +31,26 @@ def gazing_scene(
     distance: float = 120.0, focal_length: float | None = None, cameras: str | ArrayLike = "square",
     radius: float = 0.24, tilt: float = 30.0, face: float = 0.0,
 ) -> geometry.Scene:  # fmt: skip
-    """Return a scene with the sun, the mirror, the target and the cameras.
+    """Create a scene with the sun, the mirror, the target and the cameras.
 
     Parameters
     ----------
     sun_azimuth, sun_elevation : float
         Azimuth and elevation of the sun. [deg]
     target_azimuth, target_elevation : float
-        Direction from the mirror to the target. [deg]
+        Azimuth and elevation of the target as seen from the mirror. [deg]
     distance : float
-        Distance between the centres of mirror and target. [m]
+        Distance between the centres of the mirror and the target. [m]
     focal_length : float, optional
         Focal length of the ideal mirror (default: the distance). [m]
     cameras : {'square', 'cross'} or array, shape (K, 2)
-        Arrangement of four cameras, or positions of K cameras in the plane of the target. The first coordinate points
-        to the side that is east for a target that faces north. The second coordinate points up. [m]
+        Arrangement of four cameras, or positions of K cameras in the target plane. If the target faces north, the first
+        coordinate points east. The second coordinate points up. [m]
     radius : float
-        Distance of each camera from the target's centre. [m]
+        Distance of each of the four cameras from the target centre. [m]
     tilt, face : float
-        `tilt` is the tilt of the target from the vertical, positive if the target faces down to the mirror. `face` is
-        the rotation of the target about the vertical, 0 if the mirror is to the north. [deg]
+        Tilt of the target from the vertical, positive if the target faces down, and rotation of the target about the
+        vertical, 0 if the mirror is to the north. [deg]
 
     Returns
     -------
@@ -78,7 +79,7 @@ def gazing_scene(
 
 def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLike | None = None,
                   z: ArrayLike | None = None, *, sun_profile: Any = None) -> Any:  # fmt: skip
-    """Render the camera images of a mirror with given slopes.
+    """Render camera images of a mirror with given slopes.
 
     Parameters
     ----------
@@ -89,18 +90,18 @@ def render_images(scene: geometry.Scene, slope_x: Any, slope_y: Any, y: ArrayLik
     y, z : array, shape (ny,) and (nz,), optional
         Positions on the mirror (default: coordinates of `slope_x`). [m]
     sun_profile : (array, array), optional
-        Angles from the centre of the sun's disc in ascending order from 0 [mrad], and brightness at these angles [1]
-        (default: the formula of Jose).
+        Angles from the centre of the solar disc in ascending order from 0 [mrad], and brightness at these angles [1]
+        (default: Jose's formula).
 
     Returns
     -------
     DataArray, dimensions camera, z and y
-        Brightness relative to the centre of the sun; 0 outside the disc and NaN outside the mirror. [1]
+        Brightness relative to the centre of the solar disc; 0 outside the disc and NaN outside the mirror. [1]
 
     Raises
     ------
     ValueError
-        If the shapes do not match, or if the profile is not darker at the edge than at the centre.
+        If the shapes do not match, or if the sun profile is not darker at the edge than at the centre.
 
     References
     ----------
@@ -132,33 +133,33 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     scene : Scene
         Scene with K cameras, from `gazing_scene`.
     images : array or DataArray, shape (K, nz, ny)
-        Brightness of points on the mirror, relative to the centre of the sun; NaN for pixels to ignore. [1]
+        Brightness of points on the mirror, relative to the centre of the solar disc; NaN for pixels to ignore. [1]
     y, z : array, shape (ny,) and (nz,), optional
         Positions on the mirror (default: coordinates of `images`). [m]
     method : {'LM', 'A', 'O1', 'O2'}
-        Levenberg-Marquardt with backward ray tracing ('LM'), linear least squares ('A'), Nelder-Mead with the wavefront
-        ('O1'), or Nelder-Mead with backward ray tracing ('O2').
+        Levenberg-Marquardt fit with backward ray tracing ('LM'), linear least squares ('A'), Nelder-Mead fit of the
+        wavefront ('O1'), or Nelder-Mead fit with backward ray tracing ('O2').
     referential : {'exact', 'roll', 'none'}
-        Conversion from the wavefront frame to the mirror frame, for the methods A and O1.
+        Conversion from the wavefront frame to the mirror frame, used by the methods A and O1.
     threshold : float
         Minimum brightness at which a camera counts as lit. [1]
     fit_gain : bool
-        If True, fit a gain for each pixel, common to all cameras. Method A ignores this option.
+        If True, fit a gain for each pixel that is common to all cameras. Method A ignores this option.
     sun_profile : (array, array), optional
         As in `render_images`.
 
     Returns
     -------
     Dataset, dimensions z and y
-        `slope_x` and `slope_y` are the horizontal and vertical slopes relative to the ideal mirror; NaN if fewer than
-        three cameras are lit [mrad]. The variable `lit_cameras` is the number of lit cameras. The variable `quality` is
-        a sum of flags: 1 if the fit did not converge, 2 if fewer than three cameras are lit, 4 if a camera looks
-        outside the sun's disc.
+        The variables `slope_x` and `slope_y` are the horizontal and vertical slopes relative to the ideal mirror; NaN
+        if fewer than three cameras are lit [mrad]. The variable `lit_cameras` is the number of lit cameras. The
+        variable `quality` is a sum of flags: 1 if the fit did not converge, 2 if fewer than three cameras are lit, and
+        4 if a camera looks outside the solar disc.
 
     Raises
     ------
     ValueError
-        If the shapes do not match, or if the method or the referential is unknown.
+        If the shapes do not match, or if the method or referential is unknown.
 
     References
     ----------
@@ -177,7 +178,7 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
     y, z, values = _on_grid(images, y, z, *images)
     rows = geometry.REFERENTIALS.index(referential)
     if len(values) != len(scene.eyes):
-        raise ValueError(f"`images` must show {len(scene.eyes)} cameras (got {len(values)})")
+        raise ValueError(f"`images` must contain images from {len(scene.eyes)} cameras (got {len(values)})")
     found = find_slopes(scene, _profile(sun_profile), values.reshape(len(values), -1), _pixels(y, z),
                         threshold, (method,), (rows,), fit_gain)  # fmt: skip
     words: dict[str, dict[str, Any]] = {
@@ -194,29 +195,30 @@ def reconstruct_slopes(scene: geometry.Scene, images: Any, y: ArrayLike | None =
 
 
 def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) -> Any:
-    """Return the mean slopes of a measured surface on a regular grid.
+    """Average the slopes of a measured surface on a regular grid.
 
     Parameters
     ----------
     points : array, shape (n, 2) or (n, 3)
-        Points on the mirror relative to its centre, with components to the right and up as seen from the target. [m]
+        Points on the mirror relative to its centre. The first two components point to the right and up as seen from the
+        target. [m]
     normals : array, shape (n, 3)
-        Normals of the surface, of any length, with components to the right, up and towards the target.
+        Surface normals of any length, with components to the right, up and towards the target.
     step : float
-        Side of a cell. [m]
+        Side length of a grid cell. [m]
 
     Returns
     -------
     xarray.Dataset
-        Slopes `slope_x` and `slope_y` of the normal relative to the plane of the mirror, over z (up) and y (right).
-        Slopes are positive to the right and upwards, and NaN in cells without a point [mrad]. If the slopes are saved
-        as a NetCDF file for `optics.slope_map`, they replace focus and canting.
+        Slopes `slope_x` and `slope_y` relative to the mirror plane, with the dimensions ``z`` (up) and ``y`` (right).
+        Slopes are positive to the right and upwards, and NaN in cells without points [mrad]. A NetCDF file with these
+        slopes can be used as `optics.slope_map`; the slopes then replace focus and canting.
 
     Raises
     ------
     ValueError
-        If the shapes do not match, the step is not above 0, the grid has more than a million cells, or a normal points
-        backwards.
+        If the shapes do not match, the step is not above 0, the grid has more than one million cells, or a normal
+        points away from the target.
 
     Examples
     --------
@@ -253,7 +255,7 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
 
 
 class Found(NamedTuple):
-    """Slopes reconstructed by M methods with T referentials.
+    """Slopes reconstructed with M methods and T referentials.
 
     Attributes
     ----------
@@ -262,11 +264,11 @@ class Found(NamedTuple):
     lit : ndarray of int, shape (N,)
         Bit field for each pixel, in which bit i is set if camera i is lit.
     quality : ndarray of int, shape (M, N)
-        Bit field of the flags NOT_CONVERGED, UNLIT and OUTSIDE, which are defined in the kernels.
+        Bit field of the flags NOT_CONVERGED, UNLIT and OUTSIDE, which are defined in `kernels.gazing.slopes`.
     fit : SlopeFit or None
-        Result of the method LM, or None if LM is not among the methods.
+        Result of method LM, or None if LM is not among the methods.
     evaluations : ndarray, shape (M,)
-        Mean number of merit function evaluations per pixel with slopes; 0 for method A.
+        Mean number of merit function evaluations over all fitted pixels; 0 for method A.
     """
 
     slopes: Floats
@@ -280,10 +282,10 @@ def find_slopes(
     layout: geometry.Scene, profile: Profile, images: Floats, pixels: Floats, threshold: float,
     methods: Sequence[str], referentials: Sequence[int], fit_gain: bool = False, smooth: bool = False,
 ) -> Found:  # fmt: skip
-    """Reconstruct slopes by several methods from images of shape (K, N) at pixel positions of shape (2, N) [m].
+    """Reconstruct slopes with several methods from images of shape (K, N) at pixel positions of shape (2, N) [m].
 
-    Each referential is a row index into `geometry.transfers`. If `smooth` is True, the method LM uses only the smooth
-    fit of a tabulated sun profile.
+    Each referential is a row index into `geometry.transfers`. If `smooth` is True, method LM uses only the smooth fit
+    of a tabulated sun profile.
     """
     every = geometry.transfers(layout)
     matrices = np.ascontiguousarray(every[list(referentials)])
@@ -316,7 +318,7 @@ def _profile(given: Any) -> Profile:
 
 
 def _on_grid(first: Any, y: ArrayLike | None, z: ArrayLike | None, *maps: Any) -> tuple[Floats, Floats, Floats]:
-    """Return the positions along y and z, and all maps in one array, shape (maps, nz, ny)."""
+    """Return the positions along y and z, and all maps as one array of shape (maps, nz, ny)."""
     labels = getattr(first, "coords", {})
     places = [labels.get(name) if given is None else given for name, given in (("y", y), ("z", z))]
     if any(each is None for each in places):
@@ -329,7 +331,7 @@ def _on_grid(first: Any, y: ArrayLike | None, z: ArrayLike | None, *maps: Any) -
 
 
 def _pixels(y: Floats, z: Floats) -> Floats:
-    """Return the positions y and z of all pixels of a grid, shape (2, N)."""
+    """Return the positions y and z of all pixels in a grid, shape (2, N)."""
     return np.array([np.tile(y, z.size), np.repeat(z, y.size)])
 
 
