@@ -107,5 +107,5 @@ def test_entries_of_lists_are_named(base):
     both = api.load(base, {"site": None, "sites": sites})
     other: Any = both.with_({"sites[1].latitude": 30})
     assert [site.latitude for site in other.sites] == [1, 30]
-    with pytest.raises(StudyError, match="is a list of 2: give an entry"):
+    with pytest.raises(StudyError, match="is a list of 2 entries: specify one"):
         both.with_({"sites[2].latitude": 3})

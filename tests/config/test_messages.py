@@ -39,7 +39,7 @@ def test_missing_files_are_found_whatever_else_is_wrong(refused) -> None:
         ("layout.file[0]", "no such file"),
         ("layout.file[1]", "must be the name of a file"),
         ("receiver.height", "must be greater than 0 m (got 0)"),
-        ("report.published.source", "is missing: Publication that contains the numbers"),
+        ("report.published.source", "is missing: Publication that contains the values"),
         ("report.published.file", "no such file"),
     ]
 

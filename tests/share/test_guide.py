@@ -74,7 +74,7 @@ def test_the_wheel_brings_the_studies_with_their_files_and_the_types(tmp_path):
     [
         ("field_receiver_enrgy", "did you mean 'field_receiver_energy'?"),
         ("DNI", "limits.dni"),
-        ("sweep", "give a list or a range instead of a value to sweep a key"),
+        ("sweep", "to sweep a key, replace its value with a list or a range"),
         ("tower_height", "give 'receiver.height'"),
         ("packing", "field_packing"),
         ("washing", "optics.soiling"),

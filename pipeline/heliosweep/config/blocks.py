@@ -1,4 +1,4 @@
-"""Define the blocks common to all families, and convert pydantic errors to problems with a line and column.
+"""Define the blocks shared by all families, and convert pydantic errors to problems with line and column numbers.
 
 Families declare their own blocks as subclasses of `Block`. The `execution` block does not affect the numerical results.
 """
@@ -37,23 +37,23 @@ _ABSENT = object()
 
 
 class Block(BaseModel):
-    """Base class of the blocks of a study file: immutable mappings that reject unknown keys.
+    """Base class of the blocks in a study file: immutable mappings that reject unknown keys.
 
-    A subclass declares its keys as annotated fields, and may check relations between keys in :meth:`rules`.
+    A subclass declares its keys as annotated fields and may check relations between keys in :meth:`rules`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
-    #: Keys of which exactly one must be given.
+    #: Mutually exclusive keys, exactly one of which is required.
     ONE_OF: ClassVar[tuple[str, ...]] = ()
 
     def rules(self) -> Iterable[Fault]:
-        """Yield a fault for each conflict between keys of the block, if every key is valid."""
+        """Yield a fault for each conflict between keys of the block. Called only if every key is valid."""
         return ()
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Raise AttributeError for a key of the block, because a validated study is immutable."""
+        """Raise AttributeError for the keys of the block, because a validated study is immutable."""
         if name in type(self).model_fields:
-            raise AttributeError(f"{name}: a study cannot be changed; make another study with heliosweep.study or load")
+            raise AttributeError(f"{name}: a study is immutable; create a new study with heliosweep.study or load")
         super().__setattr__(name, value)
 
     @model_validator(mode="after")
@@ -83,7 +83,7 @@ class Block(BaseModel):
 def blocks_at(block: type[Block], location: Iterable[int | str]) -> list[type[Block]]:
     """Return the possible classes of the block at a location within another block.
 
-    The location, as reported by pydantic, contains keys, list positions and union tags such as ``solar``.
+    The location, as reported by pydantic, contains keys, list indices and union tags such as ``solar``.
     """
     candidates = [block]
     for part in location:
@@ -106,7 +106,10 @@ def declares(block: type[Block], key: str) -> bool:
 
 
 def blocks_in(annotation: Any, place: str = "") -> Iterator[tuple[str, type[Block]]]:
-    """Yield the block classes in an annotation, each after ``[]`` in a list, ``{}`` in a mapping, otherwise ``""``."""
+    """Yield the container and the class of each block in an annotation.
+
+    The container is ``[]`` for a list and ``{}`` for a mapping. Otherwise, it is `place`.
+    """
     if isinstance(annotation, type) and issubclass(annotation, Block):
         yield place, annotation
     for argument in get_args(annotation):
@@ -114,7 +117,7 @@ def blocks_in(annotation: Any, place: str = "") -> Iterator[tuple[str, type[Bloc
 
 
 def translate(error: ValidationError, block: type[Block], source: Source) -> Iterator[Problem]:
-    """Yield a problem for each validation error of `source.data`, except for those caused by other errors."""
+    """Yield a problem for each validation error in `source.data`, except errors caused by other errors."""
     errors = [(details, *_located(details, source.data)) for details in error.errors(include_url=False)]
     extra = [(details, path) for details, path, _ in errors if details["type"] == "extra_forbidden"]
     unknown = {path: _meant(details, block) for details, path in extra[: MAX_FAULTS + 1]}
@@ -181,14 +184,14 @@ def _located(details: ErrorDetails, data: Any) -> tuple[Path, Any]:
 
 
 def _meant(details: ErrorDetails, block: type[Block]) -> tuple[str, str]:
-    """Return the known key closest to an unknown key (empty if none is close), and a hint for the user."""
+    """Return the most similar known key (empty if no known key is similar), and a hint for the user."""
     word = str(details["loc"][-1])
     known = [key for inner in blocks_at(block, details["loc"][:-1]) for key in inner.model_fields]
     glued = re.match(r"(\w+)[\s:=]+(\S.*)", word)
     if glued and glued[1] in known:
         return glued[1], f"; write '{glued[1]}: {in_short(glued[2])}', with a colon and a space"
     if re.fullmatch(r"[-+.\d]+", word):
-        return "", "; write several values in brackets, such as [1, 2.5], and decimals with a point"
+        return "", "; write several values in brackets, such as [1, 2.5], with decimal points"
     if remedy := SYNONYMS.get(word.casefold()):
         return "", f"; {remedy}"
     key = nearest(word, known)
@@ -208,7 +211,7 @@ class Receiver(Block):
 
 
 def _side(side: str) -> Quantity:
-    description = f"{side.title()} of the mirror; omit it to use the layout column '{side}'"
+    description = f"{side.title()} of the mirror (default: the layout column '{side}')"
     return Quantity(description, "m", gt=0, dimension=f"heliostat_{side}", title=f"mirror {side}")
 
 
@@ -220,17 +223,17 @@ class Heliostat(Block):
     pivot_height: Annotated[
         float | Sweep | None,
         Quantity(
-            "Height of the mirror centre above the heliostat's base, whose height is z in the layout (default: the "
-            "layout column 'pivot_height'); 0 if z is the height of the mirror centre",
+            "Height of the mirror centre above the heliostat's base (default: the layout column 'pivot_height'). The "
+            "height of the base is z in the layout; give 0 if z is the height of the mirror centre",
             "m", ge=0, title="height of the mirror centre above the heliostat's base",
         ),
     ] = None  # fmt: skip
 
 
 class Output(Block):
-    """Stored variables and file format. These keys are not part of the study's identity."""
+    """Stored variables and file format. These keys do not affect the study id."""
 
-    #: Flags that add scalar results, with one number for each point. A search enables these flags.
+    #: Flags for additional scalar results, with one number for each point. A search enables these flags.
     OF_POINTS: ClassVar[tuple[str, ...]] = ()
 
     time_series: Annotated[bool, Flag("Also store the variables at each instant")] = False
@@ -254,12 +257,12 @@ class Output(Block):
     @model_validator(mode="before")
     @classmethod
     def _read_zarr(cls, data: Any) -> Any:
-        """Replace the ``zarr`` format of version 0.1 by ``netcdf``, because Zarr files are no longer written."""
+        """Replace the ``zarr`` format of version 0.1 with ``netcdf``, because Zarr files are no longer written."""
         if not isinstance(data, dict) or data.get("format") != "zarr":
             return data
         log.warning(
-            "output.format: zarr is deprecated: the result is NetCDF; "
-            "xarray.open_dataset('result.nc', chunks={}).to_zarr('result.zarr') converts it"
+            "output.format: zarr is deprecated; the result is written as NetCDF. Convert it with "
+            "xarray.open_dataset('result.nc', chunks={}).to_zarr('result.zarr')"
         )
         return data | {"format": "netcdf", "compression": "none" if data.get("compression") == "none" else "zlib"}
 
@@ -270,16 +273,18 @@ class Output(Block):
 
 
 class Published(Block):
-    """Published numbers for comparison with the result."""
+    """Published values for comparison with the result."""
 
-    file: Annotated[str, FileName("CSV table of published numbers", sweep=False)]
-    source: Annotated[str, Text("Publication that contains the numbers")]
+    file: Annotated[str, FileName("CSV table of published values", sweep=False)]
+    source: Annotated[str, Text("Publication that contains the values")]
 
 
 class Report(Block):
-    """Report contents in addition to the figures of the result."""
+    """Contents of the report in addition to the figures of the result."""
 
-    published: Annotated[Published | None, Field(description="Published numbers to compare with")] = None
+    published: Annotated[
+        Published | None, Field(description="Published values that the report compares with the result")
+    ] = None
 
 
 _ADDRESS = re.compile(r"(?:tcp|tls)://(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[[0-9A-Fa-f:.]{2,45}\]):([0-9]{1,5})")
@@ -287,7 +292,7 @@ _ADDRESS = re.compile(r"(?:tcp|tls)://(?:[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252})|\[
 
 @dataclass(frozen=True)
 class Scheduler(Choice):
-    """Name of a scheduler, or address of a dask scheduler."""
+    """Name of a scheduler, or the address of a Dask scheduler."""
 
     def _one_schema(self) -> dict[str, Any]:
         return {"anyOf": [super()._one_schema(), {"type": "string", "pattern": f"^{_ADDRESS.pattern}$"}]}
@@ -297,7 +302,7 @@ class Scheduler(Choice):
             return super()._one(raw)
         found = _ADDRESS.fullmatch(raw)
         allowed = found and 1 <= int(found.group(1)) <= 65535
-        require(allowed, "must be tcp://HOST:PORT or tls://HOST:PORT, PORT between 1 and 65535")
+        require(allowed, "must be tcp://HOST:PORT or tls://HOST:PORT, with PORT between 1 and 65535")
         return raw
 
 
@@ -307,19 +312,22 @@ class Execution(Block):
     scheduler: Annotated[
         str,
         Scheduler(
-            "Scheduler of the run, or the address tcp://HOST:PORT or tls://HOST:PORT of a dask scheduler",
+            "Scheduler of the run, or the address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT",
             {
                 "threads": "threads of this process",
                 "processes": "worker processes",
                 "synchronous": "one chunk at a time",
-                "distributed": "worker processes that are restarted after a crash, with a dashboard, or the workers "
-                "of `cluster`",
+                "distributed": "worker processes that restart after a crash and have a dashboard, or the workers of "
+                "`cluster`",
             },
             sweep=False,
         ),
     ] = "threads"
     workers: Annotated[
-        int | None, Quantity("Number of workers (default: all cores)", "1", ge=1, le=65536, integer=True, sweep=False)
+        int | None,
+        Quantity(
+            "Number of workers (default: number of available cores)", "1", ge=1, le=65536, integer=True, sweep=False
+        ),
     ] = None
     device: Annotated[
         str,
@@ -335,12 +343,12 @@ class Execution(Block):
     ] = None
     chunks: Annotated[
         dict[str, Annotated[int, Quantity("Chunk size", "1", ge=1, integer=True, sweep=False)]],
-        Field(description="Chunk sizes by dimension (default: chosen by the plan)"),
+        Field(description="Chunk size along each dimension (default: chosen automatically)"),
     ] = Field(default_factory=dict)
     cluster: Annotated[
         dict[str, Any] | None,
-        Field(description=("Cluster for `scheduler: distributed`: `class`, such as dask_jobqueue.SLURMCluster, and "
-                          "its keyword arguments (default: processes on this machine)")),
+        Field(description=("Dask cluster for `scheduler: distributed`: its `class`, such as "
+                          "dask_jobqueue.SLURMCluster, and keyword arguments (default: processes on this machine)")),
     ] = None  # fmt: skip
 
     @model_validator(mode="before")
@@ -351,7 +359,7 @@ class Execution(Block):
             return data
         log.warning(
             "execution: job, profile and profiles are deprecated; write scheduler: distributed and cluster: "
-            "{class: dask_jobqueue.SLURMCluster, ...}, and keep the keys of each machine in a file for include"
+            "{class: dask_jobqueue.SLURMCluster, ...}, and include a separate file with the keys of each machine"
         )
         profiles = data.get("profiles")
         named = profiles.get(data.get("profile")) if isinstance(profiles, dict) else None
@@ -365,21 +373,24 @@ class Execution(Block):
         return {key: value for key, value in keys.items() if key not in ("job", "profile", "profiles")}
 
     def rules(self) -> Iterable[Fault]:
-        """Check that `cluster` has a class and that the scheduler is ``distributed``."""
+        """Check that `cluster` has a class and is used only with the scheduler ``distributed``."""
         given, named = self.cluster is not None, "." in str((self.cluster or {}).get("class", ""))
         return when(
             (given and not named, Fault("must have a class, such as class: dask_jobqueue.SLURMCluster", ("cluster",))),
             (named and self.scheduler != "distributed",
-             Fault("is for scheduler: distributed", ("cluster",), show_value=False)),
+             Fault("applies only to scheduler: distributed", ("cluster",), show_value=False)),
         )  # fmt: skip
 
 
-#: Prefix for the names of licences that are not in the SPDX list.
+#: Prefix for the identifiers of licences that are not in the SPDX list.
 OWN = "LicenseRef-"
 
 
 def _matched(expression: str, example: str, raw: Any) -> str:
-    """Return the text that matches the expression, or the text in its group. Raises Invalid if there is no match."""
+    """Return the text matched by the group of an expression, or by the whole expression if it has no group.
+
+    Raises Invalid if the expression does not match.
+    """
     match = re.fullmatch(expression, free_text(raw).strip())
     require(match, f"must be {example}")
     return match[match.lastindex or 0]  # type: ignore[index, union-attr]
@@ -395,7 +406,7 @@ def licence(text: str) -> str:
 class Creator(Block):
     """A person or group that created the data set."""
 
-    name: Annotated[str, Text("Name; 'Family, Given' for a person")]
+    name: Annotated[str, Text("Name, in the form 'Family, Given' for a person")]
     orcid: Annotated[
         str | None,
         Text(
@@ -419,7 +430,7 @@ class Funding(Block):
 
 
 class Dataset(Block):
-    """Authors, licence and keywords of the published result. These keys are not part of the study's identity."""
+    """Authors, licence and keywords of the published result. These keys do not affect the study id."""
 
     creators: Annotated[tuple[Creator, ...], Field(description="Authors, in the order of citation")] = ()
     license: Annotated[
@@ -437,7 +448,7 @@ class Dataset(Block):
     ] = None  # fmt: skip
     keywords: Annotated[
         tuple[Annotated[str, Text("Keyword")], ...],
-        Field(description="Keywords in addition to the keywords of the family"),
+        Field(description="Keywords to add to the family's own keywords"),
     ] = ()
     version: Annotated[str | None, Text("Version of the data set, such as '1.0'")] = None
     publisher: Annotated[str | None, Text("Repository or institution that publishes the data set, such as Zenodo")] = (
@@ -454,7 +465,7 @@ class Dataset(Block):
 GENERATORS = ("radial_stagger", "spiral", "rows")
 #: Keys that specify the heliostat positions. A layout has exactly one of these keys.
 SOURCES = ("file", "table", *GENERATORS)
-#: Keys that describe the ground of a generated layout.
+#: Keys that define the area and the terrain of a generated layout.
 GROUND = ("sectors", "boundary", "exclude", "margin", "terrain")
 
 _Heliostats = Annotated[
@@ -462,7 +473,7 @@ _Heliostats = Annotated[
 ]
 _InnerRadius = Annotated[
     float | Sweep,
-    Quantity("Radius of the circle around the tower that contains no heliostats", "m", ge=0, title="inner radius"),
+    Quantity("Radius of the circle without heliostats around the tower", "m", ge=0, title="inner radius"),
 ]
 
 
@@ -471,7 +482,7 @@ def _azimuth(description: str, dimension: str, title: str) -> Quantity:
 
 
 class Zone(Block):
-    """Consecutive rings of a field with a common angular pitch."""
+    """Consecutive rings of a field that have the same angular pitch."""
 
     start: Annotated[float, Quantity("Radius of the first ring", "m", gt=0, sweep=False)]
     rings: Annotated[int, Quantity("Number of rings", "1", ge=1, integer=True, sweep=False)]
@@ -485,14 +496,14 @@ class Zone(Block):
 
 
 class RadialStagger(Block):
-    """A field of rings around the tower, each rotated by half a pitch relative to the previous ring."""
+    """Heliostats in rings around the tower, each rotated by half a pitch relative to the previous ring."""
 
     clearance: Annotated[
         float | Sweep, Quantity("Minimum distance between heliostat centres", "m", gt=0, title="clearance")
     ]
     inner_radius: Annotated[
         float | Sweep | None,
-        Quantity("Radius of the first ring; optional with zones", "m", gt=0, title="radius of the first ring"),
+        Quantity("Radius of the first ring; optional if 'zones' is given", "m", gt=0, title="radius of the first ring"),
     ] = None
     rings: Annotated[int | Sweep | None, Quantity("Number of rings", "1", ge=1, le=10_000, integer=True)] = None
     heliostats: _Heliostats = None
@@ -503,11 +514,11 @@ class RadialStagger(Block):
         str | Sweep | None,
         Choice(
             (
-                "Rule by which the distances between rings and between neighbours increase with the distance from "
+                "Rule for the distances between rings and between neighbours, which increase with the distance from "
                 "the tower"
             ),
             {
-                "delsol": "the empirical spacing of DELSOL3 (Kistler 1986), which increases with the distance",
+                "delsol": "the empirical spacing of DELSOL3 (Kistler 1986)",
                 "no_blocking": "rings as close as possible without blocking by the heliostat in front at the "
                 "same azimuth",
             },
@@ -516,7 +527,7 @@ class RadialStagger(Block):
     ] = None
 
     def rules(self) -> Iterable[Fault]:
-        """Check that exactly one key specifies the extent of the field."""
+        """Check that the extent, the radius of the first ring, and the spacing are each defined at most once."""
         given = [key for key in ("rings", "heliostats", "zones") if getattr(self, key) is not None]
         return when(
             (len(given) > 1,
@@ -524,12 +535,12 @@ class RadialStagger(Block):
             (self.inner_radius is self.zones is None,
              Fault("'inner_radius' is missing: the radius of the first ring, in m", show_value=False)),
             (self.spacing is not None and self.zones is not None,
-             Fault("generates zones itself: remove 'zones', or this key", ("spacing",), show_value=False)),
+             Fault("generates its own zones: remove 'zones' or this key", ("spacing",), show_value=False)),
         )  # fmt: skip
 
 
 class Spiral(Block):
-    """A phyllotaxis spiral: heliostat k has the azimuth 360 k / phi^2 deg and the radius a k^b (phi: golden ratio)."""
+    """Phyllotaxis spiral: heliostat k has the azimuth 360 k / phi^2 deg and the radius a k^b (phi: golden ratio)."""
 
     a: Annotated[
         float | Sweep,
@@ -538,7 +549,8 @@ class Spiral(Block):
     b: Annotated[
         float | Sweep,
         Quantity("Exponent of the radius: 0.5 for a uniform density, larger for a density that decreases with "
-                 "distance", "1", gt=0, le=2, dimension="spiral_b", title="exponent b of the spiral"),
+                 "the distance from the tower", "1", gt=0, le=2, dimension="spiral_b",
+                 title="exponent b of the spiral"),
     ]  # fmt: skip
     inner_radius: _InnerRadius
     heliostats: _Heliostats = None
@@ -559,7 +571,7 @@ class Rows(Block):
     inner_radius: _InnerRadius
     azimuth: Annotated[
         float | Sweep,
-        _azimuth("Azimuth perpendicular to the rows, clockwise from north; 0 for rows from west to east",
+        _azimuth("Azimuth perpendicular to the rows, clockwise from north; 0 for east-west rows",
                  "row_azimuth", "azimuth perpendicular to the rows"),
     ] = 0.0  # fmt: skip
     pattern: Annotated[
@@ -586,7 +598,7 @@ class Sector(Block):
     ]  # fmt: skip
     width: Annotated[
         float | Sweep,
-        Quantity("Full width of the sector, half on either side of the middle", "deg", gt=0, le=360,
+        Quantity("Full width of the sector, centred on 'azimuth'", "deg", gt=0, le=360,
                  dimension="sector_width",
                  title="width of the sector"),
     ]  # fmt: skip
@@ -597,16 +609,16 @@ class Terrain(Block):
 
     file: Annotated[
         str | None,
-        FileName("NetCDF or GeoTIFF grid of heights; x and y are in m east and north of the tower", sweep=False),
+        FileName("NetCDF or GeoTIFF height grid, with x east and y north of the tower, in m", sweep=False),
     ] = None
     slope: Annotated[
         float | Sweep | None,
-        Quantity("Slope of plane ground, instead of a height grid", "deg", ge=0, le=45, dimension="terrain_slope",
+        Quantity("Slope of planar ground, instead of a height grid", "deg", ge=0, le=45, dimension="terrain_slope",
                  title="slope of the ground"),
     ] = None  # fmt: skip
     azimuth: Annotated[
         float | Sweep | None,
-        _azimuth("Azimuth towards which the ground falls, clockwise from north", "terrain_azimuth",
+        _azimuth("Downhill azimuth, clockwise from north", "terrain_azimuth",
                  "azimuth towards which the ground falls"),
     ] = None  # fmt: skip
 
@@ -625,40 +637,45 @@ class Layout(Block):
 
     file: Annotated[
         str | Sweep | None,
-        FileName("CSV table of heliostats with the columns x, y and optionally z, all in m, and with heliostat "
-                 "properties and labels; a file pattern such as layouts/*.csv defines a sweep", dimension="layout"),
+        FileName("CSV table of heliostats with the columns x, y and optionally z (all in m), and optional columns of "
+                 "heliostat properties and labels; a file pattern such as layouts/*.csv defines a sweep",
+                 dimension="layout"),
     ] = None  # fmt: skip
     table: Annotated[
         dict[str, tuple[Any, ...]] | None,
-        Field(description="Layout table: column names (x, y and others), each with a list of values", min_length=1),
+        Field(description="Layout table, as lists of values by column name (x, y and others)", min_length=1),
     ] = None
     radial_stagger: Annotated[RadialStagger | None, Field(description="Rings around the tower")] = None
     spiral: Annotated[Spiral | None, Field(description="Phyllotaxis spiral around the tower")] = None
     rows: Annotated[Rows | None, Field(description="Parallel rows around the tower")] = None
     sectors: Annotated[
         tuple[Sector, ...] | None,
-        Field(description="Azimuths of the heliostats (default: all)", min_length=1),
+        Field(description="Azimuth sectors that contain heliostats (default: all azimuths)", min_length=1),
     ] = None
     boundary: Annotated[
         str | Sweep | None,
-        FileName("GeoJSON or WKT polygons that must contain the heliostat centres, in m east and north of the tower"),
+        FileName(
+            "GeoJSON or WKT file with polygons that contain all heliostat centres, in m east and north of the tower"
+        ),
     ] = None
     exclude: Annotated[
         str | Sweep | None,
-        FileName("Polygons, such as roads, that must not contain heliostat centres, in the same form as 'boundary'"),
+        FileName(
+            "File in the same format as 'boundary', with polygons that contain no heliostat centres, such as roads"
+        ),
     ] = None
     margin: Annotated[
         float | Sweep | None,
-        Quantity("Minimum distance of heliostat centres from the edges of 'boundary' and 'exclude'; half the "
-                 "diagonal of a mirror keeps mirrors clear of these edges", "m", ge=0, dimension="boundary_margin",
+        Quantity("Minimum distance of heliostat centres from the edges of 'boundary' and 'exclude'; if it is half "
+                 "the mirror diagonal, no mirror crosses these edges", "m", ge=0, dimension="boundary_margin",
                  title="distance of heliostat centres from the boundary"),
     ] = None  # fmt: skip
-    terrain: Annotated[Terrain | None, Field(description="Heights of the ground (default: level)")] = None
+    terrain: Annotated[Terrain | None, Field(description="Ground heights (default: level ground)")] = None
     origin: Annotated[
         tuple[float, float] | None,
-        Numbers("Position of the tower in the coordinates of 'file' or 'table', or of 'boundary', 'exclude' and the "
-                "grid of 'terrain', for example UTM coordinates. The axes of these coordinates are treated as east "
-                "and north", "m",
+        Numbers("Position of the tower in the coordinate system of the layout ('file' or 'table') or of the ground "
+                "('boundary', 'exclude' and the 'terrain' grid), for example UTM. The axes of this system are treated "
+                "as east and north", "m",
                 ("east", "north")),
     ] = None  # fmt: skip
 
@@ -675,7 +692,7 @@ class Layout(Block):
         return {"table": table, **known}
 
     def rules(self) -> Iterable[Fault]:
-        """Check that the layout has one source of positions, and that a generated field has a limited extent."""
+        """Check that the layout has one source of positions and that the extent of a generated field is limited."""
         sources = [key for key in SOURCES if getattr(self, key) is not None]
         if len(sources) != 1:
             return [Fault(f"give exactly one of {one_of(SOURCES).replace(' or ', ' and ')}", show_value=False)]
@@ -684,7 +701,7 @@ class Layout(Block):
             unequal = len(set(map(len, (self.table or {"": ()}).values()))) != 1
             message = f"applies only to generated layouts: remove it, or '{source}'"
             return when(
-                (unequal, Fault("needs lists of equal length, one for each column", ("table",), show_value=False)),
+                (unequal, Fault("must contain lists of equal length, one per column", ("table",), show_value=False)),
                 *((key in given, Fault(message, (key,), show_value=False)) for key in GROUND),
             )
         areas = {"boundary": self.boundary, "exclude": self.exclude}
@@ -697,8 +714,9 @@ class Layout(Block):
         what = f"exactly one of {one_of(ends).replace(' or ', ' and ')}" if len(ends) > 1 else "'heliostats'"
         return when(
             *((key in given and not any(paths.values()),
-               Fault(f"is for {one_of(paths)}: give one of these, or remove it", (key,), show_value=False))
+               Fault(f"applies only to {one_of(paths)}: give one of these, or remove this key", (key,),
+                     show_value=False))
               for key, paths in files.items()),
             (self.boundary is None and all(getattr(block, key) is None for key in ends),
-             Fault(f"give {what}, or a 'boundary' to fill: the extent of the field", (source,), show_value=False)),
+             Fault(f"must have a limited extent: give {what}, or a 'boundary'", (source,), show_value=False)),
         )  # fmt: skip

@@ -1,7 +1,7 @@
-"""Faults in values, independent of where the values are in a file.
+"""Faults in values, independent of the positions of the values in a file.
 
 Functions that read values raise :class:`Invalid`. The module :mod:`heliosweep.config.load` converts the faults to
-problems with a position in the file.
+problems with a line and a column.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 #: Maximum number of reported faults in one list.
 MAX_FAULTS = 100
 
-#: Terms from other programs and the literature that users may write instead of a key, with hints about the correct key.
+#: Terms that users may know from other programs or the literature, with hints about the correct keys.
 SYNONYMS = {
     **dict.fromkeys(
         ("slurm", "pbs", "sge", "lsf", "oar", "htcondor"),
         "write 'scheduler: distributed' and 'cluster: {class: dask_jobqueue.SLURMCluster, ...}' with the class of your "
-        "queue and its keywords, in a file for 'include' if they differ between machines",
+        "queue and its keywords; if these differ between machines, write them in a separate file for 'include'",
     ),
     "diameter": "give 'radius', which is half the diameter",
     "external": "an external receiver is 'kind: cylinder'",
     "facing": "the direction that the receiver faces is 'receiver.azimuth', clockwise from north",
     "orientation": "the direction that the receiver faces is 'receiver.azimuth', clockwise from north",
     "emissivity": "give the radiation and convection losses in 'receiver.thermal_losses'",
-    **dict.fromkeys(("cost", "costs"), "costs are in the block 'economics'"),
+    **dict.fromkeys(("cost", "costs"), "specify costs in the block 'economics'"),
     "tower_height": "give 'receiver.height', the height of the aim point above the tower's base",
     "tower": "give 'receiver.height', the height of the aim point above the tower's base",
     "reflectance": "give 'optics.reflectivity'",
     "slope": "give 'optics.slope_error', in mrad",
-    "pixel": "camera sizes are in 'camera'; spots are given in metres",
-    "dni": "direct irradiance comes from 'weather', or from 'design_point.dni' for one instant",
-    "haurwitz": "the model haurwitz gives only the global irradiance, not the direct irradiance",
+    "pixel": "specify sizes of the camera in 'camera'; spot positions are in metres",
+    "dni": "specify the direct irradiance in 'weather', or in 'design_point.dni' for a single instant",
+    "haurwitz": "the haurwitz model computes only the global irradiance, not the direct irradiance",
     "related": "list publications in 'references'",
     "contact": "give the 'email' of a creator",
-    "frames": "give one 'image', such as the median of sun images that are shifted to a common centre",
-    "sweep": "give a list or a range instead of a value to sweep a key: [15, 30] or {start: 15, stop: 60, num: 4}",
+    "frames": "give one 'image', such as the median of sun images shifted to a common centre",
+    "sweep": "to sweep a key, replace its value with a list or a range: [15, 30] or {start: 15, stop: 60, num: 4}",
     "optimise": "use the block 'search' to find the best point",
     "optimize": "use the block 'search' to find the best point",
 }
@@ -86,7 +86,7 @@ class Invalid(ValueError):
 
 
 def require(holds: object, message: str, *path: str | int, show_value: bool = True) -> None:
-    """Raise Invalid with a fault at `path` unless a condition is true."""
+    """Raise Invalid with a fault at `path` unless `holds` is true."""
     if not holds:
         raise Invalid(Fault(message, path, show_value))
 
@@ -97,12 +97,12 @@ def when(*rules: tuple[object, Fault]) -> Iterator[Fault]:
 
 
 def each(entries: Iterable[Any], read: Callable[[Any], T]) -> list[T]:
-    """Read the entries of a list. Raises Invalid with the faults of each entry."""
+    """Read the entries of a list. Raises Invalid with the faults of all entries."""
     return collect((((place,), partial(read, entry)) for place, entry in enumerate(entries)), [])
 
 
 def collect(parts: Iterable[tuple[Path, Callable[[], T]]], faults: list[Fault]) -> list[T]:
-    """Read the part at each path. Raises Invalid with `faults` and the faults of all parts."""
+    """Read the part of a value at each path. Raises Invalid with `faults` and the faults of all parts, if any."""
     found = list[T]()
     for path, read in parts:
         try:
@@ -154,13 +154,13 @@ def one_of(names: Iterable[str]) -> str:
 
 
 def few_of(values: Iterable[object]) -> str:
-    """Return a string with the first ten values and the number of further values."""
+    """Return a string with the first ten values and the number of remaining values."""
     texts = list(map(str, values))
     return ", ".join(texts[:10]) + (f" and {len(texts) - 10:,} more" if len(texts) > 10 else "")
 
 
 def in_short(text: str) -> str:
-    """Shorten text to one line of at most 60 characters, and escape control characters."""
+    """Shorten text to one line of at most 60 characters and escape control characters."""
     text = "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text[:100])
     return text if len(text) <= 60 else f"{text[:57]}..."
 

@@ -1,6 +1,6 @@
-"""Load a study file, and report all problems with line and column.
+"""Load study files, and report all problems with line and column numbers.
 
-A study may include another study, and keys may be changed on the command line or in Python.
+A study may include another study. Keys may be changed on the command line or in Python.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def with_base(source: Source, registry: Mapping[str, type[Study]]) -> Source:
     """Return a study merged with the study files that it includes, directly or indirectly.
 
     Blocks are merged key by key. Any other value replaces the value in the included file, and ``null`` removes a key of
-    the included file. Relative file names in an included file start at the folder of the included file. Raises
-    StudyError if an included file cannot be read.
+    the included file. File names in an included file are relative to its folder. Raises StudyError if an included file
+    cannot be read.
     """
     layers = [source]
     while INCLUDE in layers[-1].data:
@@ -61,12 +61,12 @@ def with_base(source: Source, registry: Mapping[str, type[Study]]) -> Source:
 
 
 def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Source:
-    """Return a study with changed values of its keys.
+    """Return a study with changed values.
 
     Parameters
     ----------
     source : Source
-        The study before the change.
+        Original study.
     changes : mapping of str to object
         Values by dotted key, such as ``receiver.height`` or ``sites[0].latitude``; None removes the key.
     named : str
@@ -83,7 +83,7 @@ def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Sour
         block: Any = data
         for depth, part in enumerate(path):
             if isinstance(block, list) and not (isinstance(part, int) and part < len(block)):
-                raise StudyError(Problem(f"is a list of {len(block)}: give an entry, such as [0]", key, named))
+                raise StudyError(Problem(f"is a list of {len(block)} entries: specify one, such as [0]", key, named))
             if depth == len(path) - 1:
                 break
             if isinstance(block, dict) and not isinstance(block.get(part), dict | list):
@@ -100,7 +100,7 @@ def changed(source: Source, changes: Mapping[str, Any], named: str = "") -> Sour
 
 
 def settings(texts: Iterable[str]) -> dict[str, Any]:
-    """Parse strings such as ``receiver.height=90`` into keys and values. Raises StudyError."""
+    """Parse strings such as ``receiver.height=90`` into keys and values. Raises StudyError for other strings."""
     changes = {}
     for text in texts:
         key, _, value = (part.strip() for part in text.partition("="))
@@ -134,7 +134,7 @@ def execution_keys(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]
 
 
 def file_names(study_class: type[Study], data: Any) -> Iterator[tuple[Path, str]]:
-    """For each file in the data of a study, yield the path of the key and the file name."""
+    """Yield the key path and the name of each file in the data of a study."""
     for path, name in _leaves(data):
         if not isinstance(name, str) or not name.strip():
             continue
@@ -156,7 +156,7 @@ def _leaves(data: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
 
 
 def with_patterns(source: Source, study_class: type[Study]) -> Source:
-    """Replace patterns such as ``layouts/*.csv`` and layout folders by lists of files."""
+    """Replace file patterns, such as ``layouts/*.csv``, and layout folders with lists of files."""
     source = replace(source, data=copy.deepcopy(source.data))
     for (*outer, key), name in list(file_names(study_class, source.data)):
         path = source.directory / name
@@ -208,17 +208,17 @@ def load(
     changes, named
         Values by dotted key, and the text for messages about these values; see `changed`.
     check : bool
-        If True, also check the files of the study, and the relations between blocks.
+        If True, also check the files of the study and the relations between blocks.
 
     Returns
     -------
     Study
-        Validated, immutable study, an instance of the study class of its family.
+        Validated, immutable instance of the family's study class.
 
     Raises
     ------
     StudyError
-        If the study is invalid. The message lists all problems with line and column.
+        If the study is invalid. The message lists all problems with their lines and columns.
     """
     return validated(with_base(read(path), registry), registry, changes, named, check)
 
@@ -226,10 +226,10 @@ def load(
 def load_mapping(
     data: Mapping[str, Any], registry: Mapping[str, type[StudyT]], changes: Mapping[str, Any] | None = None
 ) -> StudyT:
-    """Create a study from a mapping. Relative file names start at the working directory.
+    """Create a study from a mapping.
 
     The mapping has the structure of a study file (see :func:`load`). Values may also be ranges, dates, paths, and
-    arrays or numbers from NumPy, pandas and xarray.
+    arrays or numbers from NumPy, pandas and xarray. File names are relative to the working directory.
 
     Raises
     ------
@@ -250,7 +250,7 @@ def validated(
     named: str = "",
     check: bool = True,
 ) -> StudyT:
-    """Return the validated study with changed keys. Raises a StudyError that lists all problems."""
+    """Apply changes to a study, and return the validated study. Raises a StudyError that lists all problems."""
     source = changed(source, changes, named) if changes else source
     problems, family = list(source.problems), source.data.get("family")
     if not isinstance(family, str) or family not in registry:
@@ -289,7 +289,7 @@ def validated(
 def _merged(
     below: dict[str, Any], given: dict[str, Any], at: Path, is_block: Callable[[Path], bool], replaced: set[Path]
 ) -> dict[str, Any]:
-    """Merge keys into a block. A null value removes a key. Replaced paths are added to `replaced`."""
+    """Merge keys into a block. A null value removes a key. The paths of replaced values are added to `replaced`."""
     together = dict(below)
     if at == ("layout",) and {*SOURCES} & {*given}:  # a different kind of layout
         together = {key: value for key, value in below.items() if key not in (*SOURCES, *GROUND) or key in given}
@@ -336,11 +336,11 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
 
 
 def _repeats(study: Study) -> Iterator[Problem]:
-    """Yield a problem for each swept dimension along which all keys have equal values at two points."""
+    """Yield a problem for each dimension that has two points at which all swept keys are equal."""
     for dim in study.dimensions():
         lists = {key: sweep.items() for key, sweep in dim.sweeps.items() if sweep.form is None}
         if len(lists) < len(dim.sweeps):
-            continue  # ranges and draws have no repeated values
+            continue  # ranges contain no repeated values, and draws may repeat values
         first: dict[tuple[Any, ...], int] = {}
         rows = enumerate(zip(*lists.values(), strict=True))
         if again := next((row for row, values in rows if first.setdefault(values, row) != row), None):
@@ -350,7 +350,7 @@ def _repeats(study: Study) -> Iterator[Problem]:
 
 
 def _same_files(study: Study) -> Iterator[Problem]:
-    """Yield a problem for each file that a list contains under two names; a saved study has one name per file."""
+    """Yield a problem for each file that is listed twice, because a saved study contains one name for each file."""
     for key, names in study.files().items():
         places = [(os.path.realpath(path.parent), path.name) for path in map(study.resolve, names)]
         for position, place in enumerate(places):
@@ -363,14 +363,14 @@ def _missing_files(study_class: type[Study], source: Source) -> Iterator[Problem
     for path, name in file_names(study_class, source.data):
         try:
             if not os.path.isfile(named_in(source.directory, name)):  # noqa: PTH113 -- False for invalid names
-                hint = "; write folders with '/'" if "\\" in name else ESCAPED if set("\n\t\r") & set(name) else ""
+                hint = "; use '/' between folders" if "\\" in name else ESCAPED if set("\n\t\r") & set(name) else ""
                 yield source.problem(path, f"no such file, relative to the study file{hint} (got {shown(name)})")
         except StudyError as error:  # the name contains an unknown home folder
             yield source.problem(path, error.problems[0].message)
 
 
 def _refuse(problems: Iterable[Problem]) -> None:
-    """Raise a StudyError if there are problems. The error lists the first problems, sorted by position."""
+    """Raise a StudyError with the first `MAX_PROBLEMS` problems, sorted by position, if there are problems."""
     ordered = sorted(problems, key=lambda one: (one.unlisted > 0, one.file, one.line or 0, one.column or 0, one.key))
     if len(ordered) > MAX_PROBLEMS:
         rest = sum(problem.unlisted or 1 for problem in ordered[MAX_PROBLEMS:])

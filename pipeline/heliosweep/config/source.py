@@ -39,11 +39,11 @@ _NUMBERS: tuple[tuple[re.Pattern[str], Any], ...] = (
     (re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"), lambda text: float(text.replace(".", ""))),
 )
 #: Hint for Windows paths in double quotes.
-ESCAPED = "; in double quotes a backslash starts an escape: write folders with '/'"
+ESCAPED = "; in double quotes, a backslash starts an escape sequence: use '/' between folders"
 
 
 class Place(NamedTuple):
-    """Line and column, counted from 1 (0 if unknown), and the name of the file if it is not the study file."""
+    """Line and column, counted from 1 (0 if unknown), and the file name if the file is not the study file."""
 
     line: int
     column: int
@@ -52,7 +52,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """Contents of a study file: plain data, and the position of each part.
+    """Contents of a study file as plain data, with the position of each part.
 
     Attributes
     ----------
@@ -61,9 +61,9 @@ class Source:
     path : pathlib.Path or None
         The study file; None for a study built in Python.
     places : mapping of path to two Place
-        Positions of the key and of the value at each path; both positions are equal for entries of lists.
+        Positions of the key and the value at each path. The two positions are equal for list entries.
     problems : tuple of Problem
-        Problems that did not prevent reading the file, such as duplicate keys.
+        Problems that did not prevent the file from being read, such as duplicate keys.
     bases : tuple of pathlib.Path
         Included study files.
     """
@@ -76,7 +76,7 @@ class Source:
 
     @property
     def directory(self) -> pathlib.Path:
-        """Folder of the study file (default: working directory), at which relative file names start."""
+        """Folder of the study file (default: working directory). File names are relative to this folder."""
         return self.path.parent if self.path else pathlib.Path()
 
     def value(self, path: Path) -> Any:
@@ -85,7 +85,7 @@ class Source:
         return reduce(getitem, path, data)
 
     def path_of(self, key: str) -> Path:
-        """Return the path of a key that is written as ``sites[0].latitude`` or ``sites.0.latitude``."""
+        """Return the path of a key written as ``sites[0].latitude`` or ``sites.0.latitude``."""
         path: list[str | int] = []
         value: Any = self.data
         for part in key.replace("[", ".").replace("]", "").split("."):
@@ -118,12 +118,12 @@ def read(path: str | os.PathLike[str]) -> Source:
     ------
     StudyError
         If the file cannot be read, is larger than 1 MiB, or is not YAML in UTF-8. The error is also raised for
-        anchors, aliases, tags, control characters, several documents, and a top level that is not a mapping.
+        anchors, aliases, tags, control characters, multiple documents, and a top level that is not a mapping.
     """
     try:
         path = user_path(path)
     except TypeError:
-        raise TypeError(f"a study is the path of a study file or a mapping, not {type(path).__name__}") from None
+        raise TypeError(f"a study must be the path of a study file or a mapping, not {type(path).__name__}") from None
     return parse(text_of(path, str(path), 2**20), path)
 
 
@@ -180,9 +180,9 @@ def from_python(value: Any) -> Any:
         return {str(name): from_python(value[name]) for name in value.columns}
     if hasattr(value, "__array__"):
         array = np.asarray(value)
-        # Nanoseconds would become integers.
+        # Nanosecond timestamps would be converted to integers.
         return (array.astype("datetime64[us]") if array.dtype.kind == "M" else array).tolist()
-    # a sweep, a distribution or dates of another study
+    # a sweep, a distribution or dates from another study
     return value.spec() if hasattr(value, "spec") else value
 
 
@@ -266,12 +266,14 @@ class _Reader:
     def check(self, event: Any, at: Path) -> None:
         place = _place(event.start_mark)
         if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
-            self.refuse("anchors (&) and aliases (*) are not allowed: write the value out", place, at)
+            self.refuse("anchors (&) and aliases (*) are not allowed: write out the value", place, at)
         if event.tag is not None:
             self.refuse(f"tags are not allowed (got {in_short(event.tag)}): write the plain value", place, at)
         printable = "\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff"
         if isinstance(event, yaml.ScalarEvent) and (bad := re.search(f"[^{printable}]", event.value)):
-            self.refuse(f"character U+{ord(bad[0]):04X} is not allowed, not even as an escape{ESCAPED}", place, at)
+            self.refuse(
+                f"character U+{ord(bad[0]):04X} is not allowed, not even as an escape sequence{ESCAPED}", place, at
+            )
 
 
 def _place(mark: Any) -> Place:
