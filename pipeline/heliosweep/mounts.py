@@ -219,7 +219,7 @@ def deviation_curve(
         raise ValueError("`width` and `height_extent` must be above 0 m, and `size` must have one dimension")
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, width=width, height_extent=height_extent, **mount)
     if scene.mounts.offsets[1] != 0.0:
-        raise ValueError("deviation curves require an `axis_offset` of 0")
+        raise ValueError("deviation curves require an axis offset of 0")
     found = spots.deviation_curves(
         scene.setting,
         np.full(len(scene.pivots), _code("source", source, SOURCES)),
