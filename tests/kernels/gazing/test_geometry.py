@@ -31,14 +31,14 @@ def test_oracle():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"cameras": [[0.0, 0.1], [0.0, 0.2], [0.0, 0.3], [0.0, 0.4]]}, "in one line"),
-        ({"cameras": [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.4, 0.4]]}, "in one line"),
-        ({"cameras": [[0.1, 0.1]] * 4}, "in one line"),
+        ({"cameras": [[0.0, 0.1], [0.0, 0.2], [0.0, 0.3], [0.0, 0.4]]}, "collinear"),
+        ({"cameras": [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.4, 0.4]]}, "collinear"),
+        ({"cameras": [[0.1, 0.1]] * 4}, "collinear"),
         ({"cameras": [[0.1, 0.1], [0.2, 0.3]]}, "at least 3"),
         ({"distance": 0.0}, "positive"),
         ({"focal_length": -1.0}, "positive"),
         ({"sun": (np.pi, -0.5), "target": (0.0, 0.5)}, "opposite"),
-        ({"target": (0.0, np.radians(-60.0))}, "in one line"),  # seen edge-on: gaze within the plane of the target
+        ({"target": (0.0, np.radians(-60.0))}, "collinear"),  # seen edge-on: gaze within the plane of the target
     ],
 )
 def test_scenes_that_are_none(change, message):

@@ -1,40 +1,41 @@
 """Geometry and images for backward gazing: frames, cameras, modules, pixels, and rays traced back to the sun.
 
-Frames follow [1]_. R_F has x south, y east, z up and its origin O' at the target centre. Azimuths in this module are
-measured from south towards east. `basis(a, h)` rotates R_F to a frame whose x axis has azimuth a and elevation h. The
-rotation is B_S for x towards the sun, B_H for x along the ideal normal of the mirror, and B_R for x along R0, the
-direction from the mirror to the target. Seen from the target, the mirror's y axis points to the right and its z axis
-up.
+The frames follow [1]_. In R_F, x points south, y points east and z points up, and the origin O' is the target centre.
+Azimuths in this module are measured from south towards east. `basis(a, h)` returns the rotation from R_F to a frame
+whose x axis has azimuth a and elevation h. The x axis points to the sun for the rotation B_S, along the ideal mirror
+normal for B_H, and along R0, the direction from the mirror to the target, for B_R. Seen from the target, the mirror's y
+axis points to the right and its z axis up.
 
-The ideal mirror of the reconstruction is the series expansion of a sphere with focal length f (Eqs. 1 and 2 with D =
-f). Slopes p = (p_y, p_z) are deviations from the ideal mirror: N ~ (1, a, b) with a = p_y - y (1 + r^2 / 8 f^2) / 2 f,
-and b likewise. Camera i at M_i lies in the direction R = unit(M_i - P) from the pixel P. In this pixel, the camera sees
-the point on the sun's disc in the direction S = 2 (N.R) N - R. The 2nd and 3rd components v and w of B_S S give the
-angle eps_i from the disc centre, sin eps_i = |(v, w)| (Eqs. 4 to 6).
+The reconstruction assumes that the ideal mirror is the series expansion of a sphere with focal length f (Eqs. 1 and 2
+with D = f). The slopes p = (p_y, p_z) are deviations from the ideal mirror. The mirror normal N is parallel to (1, a,
+b), with a = p_y - y (1 + r^2 / 8 f^2) / 2 f and b defined likewise. Seen from the pixel P, camera i at M_i lies in the
+direction R = unit(M_i - P). At this pixel, the camera sees the point of the sun's disc in the direction S = 2 (N.R) N -
+R. The second and third components of B_S S, v and w, give the angle eps_i from the disc centre: sin eps_i = |(v, w)|
+(Eqs. 4 to 6).
 
 The kernels compute values only for pixels on modules, row by row; `maps` arranges these values on the grid.
 
 Images of a heliostat are rendered directly on the mirror grid, or rendered as pinhole camera images and then rectified
 to the mirror grid. The rendered surface differs from the ideal mirror of the reconstruction. Each module is part of an
-exact sphere; canting rotates the module about its centre. Pointing rotates the whole heliostat about its centre, and
-waviness adds slopes. The brightness at a mirror pixel is found by tracing a ray back from the camera to the pixel and
-on to the sun's disc.
+exact sphere, and canting rotates the module about its centre. A pointing error rotates the whole heliostat about its
+centre, and waviness adds random slopes. The brightness at a mirror pixel is found by tracing a ray back from the camera
+to the pixel and on to the sun's disc.
 
-Pinhole camera i is at M_i and looks at the heliostat's centre. The camera is upright, except for its roll angle. Its
-pixels are square. The column u increases to the right, and the row v downwards. The first pixel is centred at (0, 0).
-The brightness of a pixel is the mean over n x n points. The ray through a point hits the first module on its path.
-`Modules` contains the rectangle of each module before the rotations.
+Pinhole camera i is at M_i and points at the heliostat's centre. A camera with zero roll is upright. Camera pixels are
+square. The column u increases to the right, and the row v increases downwards. The first pixel is centred at (0, 0).
+The brightness of a pixel is the mean over n x n points. The ray through each point is traced to the first module that
+it hits. `Modules` contains the rectangle of each module before rotation.
 
-The pinhole geometry gives the image position (u, v) of the point on the ideal surface at each mirror pixel. If the
-corners of the heliostat are marked in the image, a homography maps the predicted corners to the marked corners. The
-homography corrects the pointing, roll and focal length of the camera. The geometry accounts for the mirror's sag, which
-a homography of a plane cannot describe. The brightness at a position is interpolated by Keys' cubic [2]_ over 4 x 4
-pixels.
+The pinhole geometry gives the image position (u, v) of each mirror pixel on the ideal surface. If the corners of the
+heliostat are marked in the image, a homography maps the predicted corners to the marked corners. The homography
+corrects for errors in the pointing, roll and focal length of the camera. The pinhole geometry accounts for the sag of
+the mirror, which a planar homography cannot describe. Brightness is interpolated over 4 x 4 image pixels by Keys' cubic
+convolution [2]_.
 
 A mirror pixel is used only if its 4 x 4 image pixels lie within the image and on one module. None of the 16 image
-pixels may be saturated or NaN. The 16 image pixels must be all lit or all dark, so that neither the sun's limb nor dirt
-crosses them. Interpolation multiplies the noise by the root of the sum of squared weights. This factor is 1 at the
-centre of an image pixel and decreases to 0.64 at the corner between four image pixels.
+pixels may be saturated or NaN. Either all 16 or none must be lit, so that neither the sun's limb nor the edge of a dirt
+spot crosses them. Interpolation multiplies the noise by the square root of the sum of the squared weights. This factor
+is 1 at the centre of an image pixel and decreases to 0.64 at a corner shared by four image pixels.
 
 References
 ----------
@@ -52,9 +53,9 @@ from numpy.typing import ArrayLike, NDArray
 from heliosweep.kernels.compiled import Floats, Integers, inline
 from heliosweep.kernels.profiles import Profile, normal_draws, render
 
-#: Referentials: indices of the matrices that `transfers` returns.
+#: Indices of the referentials in the array that `transfers` returns.
 NONE, ROLL, EXACT = 0, 1, 2
-#: Names of the referentials, in the order of the matrices that `transfers` returns.
+#: Names of the referentials, in the order of these indices.
 REFERENTIALS = ("none", "roll", "exact")
 
 
@@ -64,20 +65,20 @@ class Scene(NamedTuple):
     Attributes
     ----------
     sun_axes, mirror_axes, target_axes : ndarray, shape (3, 3)
-        Rotations B_S, B_H and B_R. The rows are the axes x, y and z in R_F. The x axes point to the sun, along the
-        ideal normal N0, and along R0, respectively. [1]
+        Rotations B_S, B_H and B_R. Their rows are the x, y and z axes in R_F. The x axis points to the sun for B_S,
+        along the ideal normal N0 for B_H, and along R0 for B_R. [1]
     cameras : ndarray, shape (K, 3)
         Camera positions M_i in R_F. [m]
     eyes : ndarray, shape (K, 3)
         Camera positions relative to the mirror centre, in the mirror frame. [m]
     gaze : ndarray, shape (K, 2)
-        Angular positions m_i = (B_R M_i)_{2,3} / D of the cameras, seen from the mirror. [rad]
+        Angular positions m_i = (B_R M_i)_{2,3} / D of the cameras as seen from the mirror. [rad]
     sun_y, sun_z : ndarray, shape (3,)
-        2nd and 3rd rows of B_S in the mirror frame. [1]
+        Second and third rows of B_S in the mirror frame. [1]
     distance, focal_length : float
         Distance D from the mirror centre to the target centre, and focal length f of the ideal mirror. [m]
     incidence : float
-        Angle of incidence i: angle between the ideal normal and the directions to the sun and to the target. [rad]
+        Angle of incidence i, between the ideal normal and the direction to the sun. [rad]
     """
 
     sun_axes: Floats
@@ -94,7 +95,7 @@ class Scene(NamedTuple):
 
 
 class Modules(NamedTuple):
-    """Rectangular modules of a heliostat. Row n - 1 contains module number n of a study.
+    """Rectangular modules of a heliostat. Row n - 1 contains module n of the study.
 
     Attributes
     ----------
@@ -134,20 +135,21 @@ class MirrorGrid(NamedTuple):
 
 
 def basis(azimuth: float, elevation: float) -> Floats:
-    """Return the axes of a frame whose x axis has a given azimuth (from south towards east) and elevation. [rad]
+    """Return the axes of the frame whose x axis has this azimuth and elevation. [rad]
 
-    The rows are x = (ca ch, sa ch, sh), y = (-sa, ca, 0) and z = (-ca sh, -sa sh, ch) in R_F, shape (3, 3). [1]
+    The azimuth is measured from south towards east. The rows of the result, shape (3, 3), are the axes in R_F [1]:
+    x = (ca ch, sa ch, sh), y = (-sa, ca, 0) and z = (-ca sh, -sa sh, ch).
     """
     ca, sa, ch, sh = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
     return np.array([[ca * ch, sa * ch, sh], [-sa, ca, 0.0], [-ca * sh, -sa * sh, ch]])
 
 
 def camera_square(radius: float, arrangement: str = "square") -> Floats:
-    """Return the positions (y'', z'') of four cameras in the plane of the target, shape (4, 2). [m]
+    """Return the positions (y'', z'') of four cameras in the target plane, shape (4, 2). [m]
 
-    Each camera is at the distance `radius` [m] from the target centre. For a target that faces north, y'' points east
-    and z'' up. `square`: (-a, a), (a, a), (-a, -a), (a, -a) with a = radius / sqrt 2; `cross`: (0, r), (-r, 0), (r, 0),
-    (0, -r). Raises ValueError for any other arrangement.
+    The distance of each camera from the target centre is r = `radius` [m]. For a target that faces north, y'' points
+    east and z'' points up. The positions are (-a, a), (a, a), (-a, -a) and (a, -a) with a = r / sqrt 2 for `square`,
+    and (0, r), (-r, 0), (r, 0) and (0, -r) for `cross`. Raises ValueError for any other arrangement.
     """
     if arrangement == "square":
         return radius / math.sqrt(2.0) * np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
@@ -157,10 +159,10 @@ def camera_square(radius: float, arrangement: str = "square") -> Floats:
 
 
 def in_space(places: Floats, tilt: float, face: float) -> Floats:
-    """Convert positions (y'', z'') in the plane of the target, shape (K, 2), to R_F, shape (K, 3). [m]
+    """Convert positions (y'', z'') in the target plane, shape (K, 2), to R_F, shape (K, 3). [m]
 
-    The target leans by `tilt` (Eq. 3); a target with a positive tilt faces down towards the mirrors. `face` rotates the
-    target about the vertical, from south towards east. [rad]
+    `tilt` is the angle of the target from the vertical (Eq. 3) [rad]; a target with a positive tilt faces down towards
+    the mirrors. `face` is the rotation of the target about the vertical, from south towards east [rad].
     """
     leaning = np.stack((-math.sin(tilt) * places[:, 1], places[:, 0], math.cos(tilt) * places[:, 1]), axis=1)
     turn = np.array([[math.cos(face), -math.sin(face), 0.0], [math.sin(face), math.cos(face), 0.0], [0.0, 0.0, 1.0]])
@@ -168,7 +170,7 @@ def in_space(places: Floats, tilt: float, face: float) -> Floats:
 
 
 def in_line(places: Floats) -> bool:
-    """Return True if points in a plane, shape (K, 2), are collinear within one millionth of their spread."""
+    """Return True if points in a plane, shape (K, 2), are collinear to within 1e-6 of their spread."""
     widest, narrowest = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     return not narrowest > 1e-6 * widest
 
@@ -182,33 +184,33 @@ def scene(
     tilt: float = math.radians(30.0),
     face: float = 0.0,
 ) -> Scene:
-    """Return the scene (mirror, target, cameras and sun) that is common to all mirror pixels.
+    """Return the geometry of the sun, mirror, target and cameras.
 
     Parameters
     ----------
     sun : tuple of float
-        Azimuth of the sun, from south towards east, and elevation. [rad]
+        Azimuth (from south towards east) and elevation of the sun. [rad]
     target : tuple of float
         Azimuth and elevation of R0, the direction from the mirror to the target; the mirror centre is at -D R0. [rad]
     cameras : array_like, shape (K, 2)
-        Camera positions (y'', z'') in the plane of the target. [m]
+        Camera positions (y'', z'') in the target plane. [m]
     distance, focal_length : float
         Distance D from the mirror to the target, and focal length f of the ideal mirror. [m]
     tilt, face : float
-        Tilt and rotation of the target, as in `in_space`. The target of Defieux et al. (2020) is not rotated and faces
+        Tilt and rotation of the target; see `in_space`. In Defieux et al. (2020), the target is not rotated and faces
         north. [rad]
 
     Raises
     ------
     ValueError
-        If a length is not positive, if sun and target are in opposite directions, if there are fewer than 3 cameras, or
-        if all cameras are collinear as seen from the mirror.
+        If a length is not positive, if the sun and the target are in opposite directions, if there are fewer than 3
+        cameras, or if all cameras are collinear as seen from the mirror.
     """
     places = np.asarray(cameras, np.float64)
     if not (distance > 0.0 and focal_length > 0.0):
         raise ValueError("distance and focal length must be positive")
     if places.ndim != 2 or places.shape[1] != 2 or len(places) < 3:
-        raise ValueError("two slopes need at least 3 cameras")
+        raise ValueError("at least 3 cameras are required to determine two slopes")
     b_sun, b_target = basis(*sun), basis(*target)
     ideal = b_sun[0] + b_target[0]
     length = math.sqrt(float(np.sum(ideal**2)))
@@ -218,7 +220,7 @@ def scene(
     standing = in_space(places, tilt, face)
     gaze = product(b_target[1:], standing) / distance
     if in_line(gaze):
-        raise ValueError("cameras in one line as seen from the mirror cannot determine two slopes")
+        raise ValueError("the cameras are collinear as seen from the mirror and cannot determine two slopes")
     half = 0.5 * float(np.sqrt(np.sum((b_sun[0] - b_target[0]) ** 2)))
     return Scene(
         b_sun,
@@ -240,8 +242,9 @@ def transfers(layout: Scene) -> Floats:
 
     `NONE` is I / 2, which neglects the field rotation. `ROLL` is [2 cos i E T'^T]^-1, which accounts only for the
     rotation of the axes. `EXACT` is J^-1, where J is the derivative of the wavefront slopes w with respect to the
-    mirror slopes p at the mirror centre, J = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T]. E and T' are the 2nd and
-    3rd rows of B_R and B_H, and det J is 4 cos i. A matrix is NaN if its inverse does not exist.
+    mirror slopes p at the mirror centre: J = dw / dp = 2 [(E N0) (T' S0)^T + cos i E T'^T], with det J = 4 cos i. E
+    contains the second and third rows of B_R, and T' the second and third rows of B_H. If an inverse does not exist,
+    the matrix is NaN.
     """
     e, t = layout.target_axes[1:], layout.mirror_axes[1:]
     roll = 2.0 * math.cos(layout.incidence) * product(e, t).T
@@ -250,10 +253,11 @@ def transfers(layout: Scene) -> Floats:
 
 
 def themis_8() -> Modules:
-    """Return the modules of a THEMIS-like heliostat: 2 columns of 4 modules of 3.6 m x 1.8 m, with gaps of 5 cm.
+    """Return the eight modules of a THEMIS-like heliostat.
 
-    Modules 1 to 4 form the left column (y < 0, seen from the target) from top to bottom, and modules 5 to 8 the right
-    column. The positions of the modules are assumptions, because no positions have been published.
+    Each module is 3.6 m wide and 1.8 m high. The two columns of four modules have gaps of 5 cm. Seen from the target,
+    modules 1 to 4 form the left column (y < 0) from top to bottom, and modules 5 to 8 form the right column. The
+    positions of the modules are assumptions, because they have not been published.
     """
     size = 3.6, 1.8
     across, down = size[0] + 0.05, size[1] + 0.05
@@ -262,9 +266,9 @@ def themis_8() -> Modules:
 
 
 def outline(modules: Modules) -> Floats:
-    """Return the corners of the smallest rectangle that contains all modules, shape (4, 2). [m]
+    """Return the corners of the bounding rectangle of all modules, shape (4, 2). [m]
 
-    The order of the corners (y, z) is top left, top right, bottom right and bottom left, as seen by the cameras.
+    The corners (y, z) are top left, top right, bottom right and bottom left, as seen by the cameras.
     """
     low = (modules.centre - 0.5 * modules.size).min(axis=0)
     high = (modules.centre + 0.5 * modules.size).max(axis=0)
@@ -272,9 +276,10 @@ def outline(modules: Modules) -> Floats:
 
 
 def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
-    """Return a grid of square pixels of side `pixel` [m], centred on the smallest rectangle around all modules.
+    """Return a grid of square pixels over the modules of a heliostat.
 
-    A pixel belongs to the module that contains its centre. Modules must not overlap or be narrower than a pixel.
+    `pixel` is the side length of a pixel [m]. The grid is centred on the bounding rectangle of the modules. Each pixel
+    belongs to the module that contains its centre. Modules must not overlap or be narrower than a pixel.
     """
     half = 0.5 * modules.size
     low, high = (modules.centre - half).min(axis=0), (modules.centre + half).max(axis=0)
@@ -284,7 +289,7 @@ def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
         for axis in (0, 1)
     )
     module = np.zeros((len(z), len(y)), np.int64)
-    for row in reversed(range(len(half))):  # a pixel on a common edge belongs to the first module
+    for row in reversed(range(len(half))):  # a pixel on a shared edge belongs to the first module
         on_y, on_z = (
             np.abs(line - modules.centre[row, axis]) <= half[row, axis] + 1e-9 * pixel
             for axis, line in enumerate((y, z))
@@ -296,7 +301,7 @@ def mirror_grid(modules: Modules, pixel: float) -> MirrorGrid:
 
 
 def eroded(grid: MirrorGrid, cells: int) -> NDArray[np.bool_]:
-    """Return True for pixels whose neighbours within `cells` rows and columns are all on one module, shape (N,)."""
+    """Return True for pixels whose neighbours within `cells` rows and columns are all on the same module."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     low, high = (ranked(grid.module, 2 * cells + 1, mode="constant") for ranked in (minimum_filter, maximum_filter))
@@ -312,7 +317,7 @@ def maps(grid: MirrorGrid, values: ArrayLike) -> Floats:
 
 
 def product(matrix: Floats, vectors: Floats) -> Floats:
-    """Return the product of a matrix with each vector; rounding does not depend on the number of vectors."""
+    """Return the product of a matrix with each vector; the rounding does not depend on the number of vectors."""
     return np.sum(vectors[..., np.newaxis, :] * matrix, axis=-1)
 
 
@@ -327,9 +332,10 @@ Row = Floats | tuple[float, float, float]
 
 @inline
 def ideal_mirror(focal_length: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return height x [m] and slopes a, b (Eqs. 1 and 2) of the ideal mirror of focal length f at a pixel (y, z) [m].
+    """Return the height x [m] and the slopes a and b [rad] of the ideal mirror at a pixel (y, z) [m].
 
-    The normal is N ~ (1, a, b), with x = r^2 / 4 f + r^4 / 64 f^3, a = -y (1 + r^2 / 8 f^2) / 2 f and b likewise [rad].
+    For a focal length f, the height is x = r^2 / 4 f + r^4 / 64 f^3 (Eqs. 1 and 2). The normal is parallel to
+    (1, a, b), with a = -y (1 + r^2 / 8 f^2) / 2 f and b defined likewise.
     """
     curved = (y * y + z * z) / (8.0 * focal_length * focal_length)
     bend = -(1.0 + curved) / (2.0 * focal_length)
@@ -338,7 +344,7 @@ def ideal_mirror(focal_length: float, y: float, z: float) -> tuple[float, float,
 
 @inline
 def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return a vector divided by its length; components are numbers or arrays."""
+    """Return a vector divided by its length; the components are numbers or arrays."""
     scale = 1.0 / np.sqrt(x * x + y * y + z * z)
     return x * scale, y * scale, z * scale
 
@@ -350,9 +356,9 @@ def mirror_offsets(
     """Return the point on the sun's disc that a camera sees in a mirror with the normal N ~ (1, a, b).
 
     `a` and `b` are the slopes of the ideal mirror plus p [rad]. `rx`, `ry` and `rz` are the components of the unit
-    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are the vectors of the same name in `Scene`. Returns
-    the 2nd and 3rd components v and w of B_S S [1], and their derivatives dv/da, dv/db, dw/da, dw/db with respect to
-    p_y and p_z [1/rad].
+    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are the attributes of `Scene`. Returns the second and
+    third components of B_S S, v and w [1], and their derivatives with respect to the slopes, dv/da, dv/db, dw/da and
+    dw/db [1/rad].
     """
     scale = 2.0 / (1.0 + a * a + b * b)
     along = rx + a * ry + b * rz
@@ -372,7 +378,7 @@ def mirror_offsets(
 def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats, ...]:
     """Return `mirror_offsets` for K cameras at N mirror points, as arrays of shape (K, N).
 
-    `points` contains the coordinates (x, y, z) of the points, shape (3, N) [m], and `a` and `b` the slopes [rad].
+    `points` contains the coordinates (x, y, z) of the points, shape (3, N) [m]. `a` and `b` are the slopes [rad].
     """
     rays: Any = unit(*(layout.eyes.T[:, :, np.newaxis] - points[:, np.newaxis]))
     return mirror_offsets(a, b, *rays, layout.sun_y, layout.sun_z)
@@ -382,7 +388,8 @@ def offsets(layout: Scene, points: Floats, a: Floats, b: Floats) -> tuple[Floats
 FULL_SCALE = 1.25
 #: Number of plane waves in a wavy surface.
 WAVES = 48
-#: Bit flags for the reasons to exclude a camera at a mirror pixel, compatible with the flags in `slopes`.
+#: Bit flags that give the reason for excluding a camera at a mirror pixel. They can be combined with the flags in
+#: `slopes`.
 OUT_OF_FRAME, AT_EDGE, SATURATED, NOT_A_NUMBER, AT_LIMB = 64, 8, 16, 32, 4
 
 
@@ -394,7 +401,7 @@ class Pinholes(NamedTuple):
     eyes : ndarray, shape (K, 3)
         Camera positions in the mirror frame. [m]
     axes : ndarray, shape (K, 3, 3)
-        Axes of each camera in the mirror frame: rows right, down and forward. [1]
+        Axes of each camera in the mirror frame. The rows point right, down and forward. [1]
     focal : ndarray, shape (K,)
         Focal length. [pixels]
     centre : ndarray, shape (K, 2)
@@ -422,7 +429,7 @@ class Heliostat(NamedTuple):
         Half the width along y and half the height along z of each module. [m]
     waves : list of (ndarray, ndarray)
         Waviness slopes of each module, shape (2, rows, columns) [rad], followed by z and y of the first pixel and the
-        pixel size [m]. The list is empty if there is no waviness.
+        pixel size [m]. The list is empty if the surface has no waviness.
     """
 
     spheres: Floats
@@ -444,7 +451,7 @@ def module_spheres(
     focal_length : float
         Focal length, which is half the radius of each sphere. [m]
     canting : array_like, shape (M, 2)
-        Canting slopes (horizontal, vertical) of each module: a normal along x is rotated to (1, c_y, c_z). [rad]
+        Canting slopes (horizontal, vertical) of each module, which rotate a normal along x to (1, c_y, c_z). [rad]
     pointing : array_like, shape (2,)
         Slopes (horizontal, vertical) by which the whole heliostat is rotated. [rad]
 
@@ -463,19 +470,20 @@ def module_spheres(
 
 
 def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
-    """Return slopes (horizontal, vertical) of a random wavy surface at the pixels of a grid, shape (2, N). [rad]
+    """Return the slopes of a random wavy surface at the grid pixels, shape (2, N). [rad]
 
-    The slopes are the gradient of a sum of plane waves. The mean slope of each module is subtracted, because it would
-    act as canting. `rms` is the root mean square of the slopes over both directions and all pixels [rad]. The
-    wavelengths vary by one third about `length` [m]. For a given seed, the waves do not depend on the grid.
+    The horizontal and vertical slopes are the gradient of a sum of plane waves. The mean slope of each module is
+    subtracted, because a mean slope would act as canting. `rms` is the root mean square of the slopes over both
+    directions and all pixels [rad]. The wavelengths are log-normally distributed with median `length` [m] and a
+    logarithmic standard deviation of 1/3. For a given seed, the waves do not depend on the grid.
     """
     slopes, way = np.zeros(grid.pixels.shape), math.pi * (np.arange(WAVES) + 0.5) / WAVES
     draws = normal_draws(seed, 2, 3 * WAVES).reshape(WAVES, 3)
     for (size, phase, spread), angle in zip(draws, way, strict=True):
         wave = 2.0 * math.pi / (length * math.exp(spread / 3.0))
         c, s = math.cos(angle), math.sin(angle)
-        # The distribution of the slopes does not depend on the wavelength.
-        # A normally distributed phase with a standard deviation of 100 rad is practically uniform.
+        # The slope amplitude of a wave does not depend on its wavelength. A normally distributed phase with a standard
+        # deviation of 100 rad is practically uniform.
         slope = size * np.cos(wave * c * grid.pixels[0] + wave * s * grid.pixels[1] + 100.0 * phase)
         slopes += np.stack((c * slope, s * slope))
     for row in range(int(grid.pixel_module.max()) + 1):
@@ -487,9 +495,9 @@ def waviness(grid: MirrorGrid, rms: float, length: float, seed: int) -> Floats:
 def image_set(
     layout: Scene, grid: MirrorGrid, profile: Profile, spheres: Floats, wavy: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Render the images of a heliostat seen by K cameras, at the N pixels of a grid.
+    """Render the images seen by K cameras at the N pixels of a grid.
 
-    The height variations of a wavy surface are neglected. For slopes of 0.3 mrad at a wavelength of 1 m, the height
+    The height variations of a wavy surface are neglected. For slopes of 0.3 mrad at a wavelength of 1 m, these
     variations would deflect a ray by at most 1e-4 mrad.
 
     Parameters
@@ -517,17 +525,17 @@ def image_set(
 
 
 def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, pinhole: bool = False) -> Floats:
-    """Add camera noise to images, then round them to levels.
+    """Add camera noise to images, then round the brightness to grey levels.
 
     Parameters
     ----------
     images : ndarray, shape (K, N) or (K, rows, columns)
         Brightness relative to the disc centre. [1]
     noise : float
-        Standard deviation of normal noise, relative to the disc centre. Without rounding to levels, brightness may
-        become negative. [1]
+        Standard deviation of the normally distributed noise, relative to the brightness of the disc centre. If the
+        brightness is not rounded, it may become negative. [1]
     bits : int
-        Number of bits of the camera. Brightness is rounded to 2^bits levels from 0 to `FULL_SCALE`, or not rounded if
+        Number of bits per pixel. Brightness is rounded to 2^bits levels from 0 to `FULL_SCALE`. It is not rounded if
         `bits` is 0.
     seed : int
         Seed of the noise.
@@ -538,11 +546,11 @@ def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, 
     Returns
     -------
     ndarray
-        Brightness, with the shape of `images`. [1]
+        Brightness, in the shape of `images`. [1]
     """
     out = images
     if noise > 0.0:
-        # Random streams 1 and 2 are reserved for the noise of a sun profile and for waviness.
+        # Random streams 1 and 2 are reserved for noise in the sun profile and for waviness.
         first, parts = (8, len(images)) if pinhole else (3, 1)
         draws = [normal_draws(seed, first + part, images.size // parts) for part in range(parts)]
         out = out + noise * np.reshape(draws, images.shape)
@@ -559,10 +567,11 @@ def heliostat(
     pointing: ArrayLike = (0.0, 0.0),
     wavy: tuple[MirrorGrid, Floats] | None = None,
 ) -> Heliostat:
-    """Return the true surface of a heliostat; see `module_spheres` for the first four parameters.
+    """Return the true surface of a heliostat.
 
-    `wavy` contains a pixel grid over these modules, and the slopes from `waviness` at these pixels [rad]. Slopes are
-    interpolated linearly between pixels, so the pixels should be small compared with the waves.
+    The first four parameters are described in `module_spheres`. `wavy` contains a pixel grid over the modules, and the
+    slopes from `waviness` at the grid pixels [rad]. The slopes are interpolated linearly between pixels, so the pixels
+    should be small compared with the wavelengths.
     """
     rim = 2.0 * focal_length - np.sqrt(4.0 * focal_length**2 - np.sum(modules.centre**2, axis=1))
     before = np.column_stack((rim, modules.centre))
@@ -584,11 +593,11 @@ def heliostat(
 def camera_set(
     layout: Scene, cameras: Pinholes, shape: tuple[int, int], profile: Profile, mirror: Heliostat, supersampling: int
 ) -> Floats:
-    """Render the images of a heliostat seen by K pinhole cameras, shape (K, rows, columns). [1]
+    """Render the images of K pinhole cameras, shape (K, rows, columns). [1]
 
-    Brightness is relative to the disc centre, and 0 outside the disc and outside the modules. The brightness of a pixel
-    is the mean over `supersampling` x `supersampling` points. The camera positions come from `cameras`, and the sun
-    direction from `layout`.
+    The brightness is relative to the disc centre. It is 0 outside the disc and outside the modules. The brightness of a
+    pixel is the mean over `supersampling` x `supersampling` points. The camera positions come from `cameras`, and the
+    sun direction from `layout`.
     """
     fine = np.array(shape) * supersampling
     images = np.zeros((len(cameras.eyes), *fine))
@@ -609,7 +618,7 @@ def camera_set(
                     for each, at in zip(ends.T, centre[::-1], strict=True))  # fmt: skip
             ray = np.tensordot(axes.T, np.stack(np.broadcast_arrays(u, v[:, np.newaxis], 1.0)), 1)
             ray /= np.sqrt(np.sum(ray**2, axis=0))
-            # The path of a ray to the concave side of the sphere is NaN if the ray misses the sphere.
+            # The path length to the concave side of the sphere is NaN if a ray misses the sphere.
             off, radius = eye - ball[:3], ball[3]
             middle = np.tensordot(off, ray, 1)
             with np.errstate(invalid="ignore"):
@@ -627,7 +636,9 @@ def camera_set(
 
 
 def _between(slopes: Floats, corner: tuple[float, float, float], places: Floats) -> Floats:
-    """Interpolate waviness slopes linearly at positions (y, z), shape (2, n); slopes are constant outside the grid."""
+    """Interpolate waviness slopes linearly at positions (y, z), shape (2, n). The slopes are constant outside the
+    grid.
+    """
     from scipy.ndimage import map_coordinates
 
     at = [(places[1] - corner[0]) / corner[2], (places[0] - corner[1]) / corner[2]]
@@ -635,7 +646,7 @@ def _between(slopes: Floats, corner: tuple[float, float, float], places: Floats)
 
 
 def turned(vectors: Floats, slopes: ArrayLike) -> Floats:
-    """Rotate vectors, shape (..., 3), by the shortest rotation of the x axis to (1, c_y, c_z)."""
+    """Rotate vectors, shape (..., 3), by the smallest rotation that takes the x axis to (1, c_y, c_z)."""
     from scipy.spatial.transform import Rotation
 
     y, z = np.asarray(slopes, np.float64)
@@ -652,18 +663,18 @@ def pinholes(
     centre: ArrayLike | None = None,
     roll: ArrayLike = 0.0,
 ) -> Pinholes:
-    """Return a pinhole camera at each camera position of a scene, pointing at the heliostat's centre.
+    """Return pinhole cameras that point from the scene's camera positions at the heliostat's centre.
 
     Parameters
     ----------
     layout : Scene
         Scene with K cameras.
     shape : (int, int)
-        Number of rows and columns of an image.
+        Number of rows and columns in an image.
     focal : array_like, shape () or (K,)
-        Focal lengths divided by the side of a pixel. [1]
+        Focal length divided by the pixel size. [1]
     centre : array_like, shape (2,) or (K, 2), optional
-        Principal points (u, v), at which the heliostat's centre appears (default: the middle of the image). [pixels]
+        Principal point (u, v), where the heliostat's centre appears (default: the image centre). [pixels]
     roll : array_like, shape () or (K,)
         Rotation about the line of sight, clockwise for an observer behind the camera. Images rotate in the opposite
         direction. [rad]
@@ -701,10 +712,10 @@ def places_of(cameras: Pinholes, focal_length: float, pixels: Floats) -> Floats:
 
 
 def homography(here: Floats, there: Floats) -> Floats:
-    """Return the matrix H, shape (3, 3), that maps four points in a plane to four others: `there` ~ H (here, 1).
+    """Return the homography that maps four points in a plane to four other points, shape (3, 3).
 
-    The points have shape (4, 2). Raises ValueError if three points are collinear, or if the map reverses the order of
-    the points.
+    The points `here` and `there` have shape (4, 2). The homography H satisfies (there, 1) ~ H (here, 1). Raises
+    ValueError if three points are collinear, or if the mapping reverses the order of the points.
     """
     (x, y), (u, v), one, none = here.T, there.T, np.ones(4), np.zeros(4)
     rows = np.concatenate(
@@ -718,7 +729,7 @@ def homography(here: Floats, there: Floats) -> Floats:
     found = np.append(np.linalg.solve(rows, np.concatenate((u, v))), 1.0).reshape(3, 3)
     depth = found[2, 0] * x + found[2, 1] * y + 1.0
     if np.any(depth * depth[0] <= 0.0) or np.linalg.det(found) <= 0.0:
-        raise ValueError("the two sets of points have opposite or different orders")
+        raise ValueError("the two sets of points are not in the same order")
     return found
 
 
@@ -739,7 +750,7 @@ def rectify(
     saturation: ArrayLike = math.inf,
     threshold: float = -math.inf,
 ) -> tuple[Floats, Integers, Floats]:
-    """Interpolate images at mirror pixels.
+    """Interpolate images at the mirror pixels.
 
     Parameters
     ----------
@@ -751,7 +762,7 @@ def rectify(
         Focal length of the ideal mirror. [m]
     modules : Modules
     grid : MirrorGrid
-        N pixels on modules.
+        Grid with N pixels on modules.
     corners : array_like, shape (K, 4, 2), optional
         Positions of the corners in each image, in the order of `outline`; NaN for an image whose pinhole geometry is
         exact. [pixels]
@@ -767,8 +778,8 @@ def rectify(
     flags : ndarray of int, shape (K, N)
         Sum of the flags that apply: `OUT_OF_FRAME`, `AT_EDGE`, `SATURATED`, `NOT_A_NUMBER` and `AT_LIMB`.
     noise : ndarray, shape (K, N)
-        Standard deviation of the interpolated brightness for image pixels with a standard deviation of 1: the root of
-        the sum of squared weights.
+        Standard deviation of the interpolated brightness if the standard deviation of each image pixel is 1. This is
+        the square root of the sum of the squared weights.
 
     Raises
     ------
@@ -793,7 +804,7 @@ def rectify(
         column, row = (np.where(inside, at, 1.0).astype(np.int64) for at in (u, v))
         # The block of 4 x 4 pixels and the module are both convex, so testing the corners of the block is sufficient.
         ahead = np.roll(quads.reshape(2, -1, 4), -1, axis=-1) - quads.reshape(2, -1, 4)
-        # normals of the edges, pointing inwards; the corners are clockwise in the image
+        # inward normals of the edges; the corners are in clockwise order in the image
         n_u, n_v = np.array([-ahead[1], ahead[0]]) / np.hypot(*ahead)
         shift = -(n_u * quads[0].reshape(-1, 4) + n_v * quads[1].reshape(-1, 4))
         n_u, n_v, shift = (each[grid.pixel_module].T for each in (n_u, n_v, shift))
@@ -812,14 +823,17 @@ def rectify(
 
 
 def rotate(image: Floats, angle: float) -> Floats:
-    """Rotate an image about its centre by three shears, which shift lines by Fourier transforms.
+    """Rotate an image about its centre by three shears.
+
+    Each shear shifts the lines of the image with Fourier transforms.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-        Image with zeros near all edges, because the shears wrap around.
+        Image that is zero near all edges, because the shears wrap around.
     angle : float
-        Angle from the columns towards the rows: a point (u, v) moves to (u cos - v sin, u sin + v cos). [rad]
+        Angle from the u axis (columns) towards the v axis (rows). A point (u, v) moves to (u cos - v sin, u sin + v
+        cos). [rad]
 
     References
     ----------
@@ -836,11 +850,11 @@ def rotate(image: Floats, angle: float) -> Floats:
 
 
 def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modules, grid: MirrorGrid) -> Floats:
-    """Rotate and centre square images by Fourier transforms, and stretch them to the mirror pixels.
+    """Rotate, centre and stretch square images to the mirror pixels.
 
-    Defieux et al. (2020) process images in this way before methods A and O1. A rotation makes the rows of an image
-    parallel to the y axis of the mirror. The maximum of the cross-correlation with the outline of the modules gives the
-    shift in whole pixels. A linear map then stretches all images to the shape of the mirror.
+    Defieux et al. (2020) process images in this way before applying methods A and O1. A rotation by Fourier transforms
+    aligns the rows of each image with the y axis of the mirror. The maximum of the cross-correlation with a mask of the
+    modules gives the shift in whole pixels. A linear map then stretches each image to the shape of the mirror.
 
     Parameters
     ----------
@@ -880,6 +894,6 @@ def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modul
 
 
 def _weight(distance: Floats) -> Floats:
-    """Return the weights of Keys' cubic (a = -1/2) for image pixels at distances below 2 [pixels]."""
+    """Return the weights of Keys' cubic (a = -1/2) for image pixels at distances of less than 2 pixels."""
     d = np.abs(distance)
     return np.where(d <= 1.0, 1.0 + d * d * (1.5 * d - 2.5), 2.0 + d * (-4.0 + d * (2.5 - 0.5 * d)))

@@ -1,36 +1,40 @@
-"""Mirror slopes from images: linear least squares (A), Nelder-Mead (O1, O2) and Levenberg-Marquardt (LM) [1]_.
+"""Mirror slopes from camera images, estimated with methods A, O1, O2 and LM [1]_.
 
-In method A, the camera at m_i sees a point on the disc at the angle eps_i from the disc centre. Apart from the
-aberrations of the mirror, eps_i^2 = |m_i - w|^2. For the ideal mirror, the angle at this pixel would be eps0_i. The
-difference of the squared angles is linear in the deviation d = w - w_ideal of the wavefront slopes, eps_i^2 - eps0_i^2
-= -2 m_i.d + c, where c is the same for all cameras. Mirror slopes are p = T d, with T from `geometry.transfers`. At
-least 3 lit cameras are required.
+Method A solves a linear least-squares problem. Methods O1 and O2 use the Nelder-Mead simplex search, and method LM uses
+the Levenberg-Marquardt algorithm.
+
+In method A, the camera at the angular position m_i sees a point at the angle eps_i from the centre of the sun's disc.
+Without mirror aberrations, eps_i^2 = |m_i - w|^2, where w is the wavefront slope. For the ideal mirror, the angle at
+this pixel would be eps0_i. The difference between the squared angles is linear in the deviation d = w - w_ideal of the
+wavefront slopes: eps_i^2 - eps0_i^2 = -2 m_i.d + c, where c is the same for all cameras. The mirror slopes are p = T d,
+with T from `geometry.transfers`. At least 3 lit cameras are required.
 
 Method O1 varies the wavefront slope w to minimise the sum of (g B(|m_i - w|) - I_i)^2 over the lit cameras, where B is
 the brightness profile of the sun and I_i the measured brightness. Methods O2 and LM trace the rays back and vary the
 mirror slope p to minimise the sum of (g B(eps_i(p)) - I_i)^2. All three methods start from the result of method A. The
-gain g of a pixel is 1, or is also varied to minimise the sum. If g is fitted, LM removes the direction of g from the
-derivatives (variable projection [2]_).
+gain g of a pixel is either 1 or fitted together with the slopes. If g is fitted, LM eliminates g by variable projection
+[2]_.
 
-The simplex search uses the same steps as ``scipy.optimize.minimize(method="Nelder-Mead")``: reflection 1, expansion 2,
-contraction and shrinkage 1/2. If two vertices have equal values, the older vertex comes first.
+The simplex search uses the coefficients of ``scipy.optimize.minimize(method="Nelder-Mead")``: 1 for reflection, 2 for
+expansion, and 1/2 for contraction and shrinkage. If two vertices have equal values, the older vertex comes first.
 
-If the profile is a noisy table, the merit has a local minimum at each kink of the table. LM therefore starts with the
-analytic curve that fits the table best, then uses the table with decreasing smoothing, and finally the table itself.
+If the profile is a noisy table, the merit function has local minima at the kinks of the table. LM therefore starts with
+the analytic curve that fits the table best, then uses the table with decreasing smoothing, and finally the table
+itself.
 
-Canting, pointing and focal length of the modules follow from maps of slopes. A plane, p = c + k (position - module
-centre), is fitted to the slopes of each module. The value c of the plane at the module's centre is the slope that the
-adjusting screws would have to correct. The common curvature k = dp/dy = dp/dz of all modules gives their focal length
-f: k = 1 / 2 f0 - 1 / 2 f. The pointing of the heliostat is the median over the modules of c - k (module centre),
-relative to the heliostat's own sphere. An error of the focal length or a few bad modules do not affect the estimated
-pointing. Canting is c minus the pointing, relative to the ideal heliostat. Modules on a sphere with a different focal
-length therefore also have non-zero canting. Canting and pointing cannot be distinguished from the slope of a single
-module.
+The canting, pointing and focal length of the modules are estimated from the slope maps. A plane, p = c + k (position -
+module centre), is fitted to the slopes of each module. The value c at the module's centre is the slope that the
+adjustment screws would have to correct. The common gradient k = dp_y/dy = dp_z/dz of all modules gives their focal
+length f: k = 1 / 2 f0 - 1 / 2 f, where f0 is the focal length of the ideal mirror. The pointing of the heliostat is the
+median of c - k (module centre) over the modules. A focal length error or a few bad modules therefore do not affect the
+estimated pointing. The canting of a module, relative to the ideal heliostat, is c minus the pointing. Modules on a
+sphere with a different focal length therefore have non-zero canting. A single module is not sufficient to separate
+canting from pointing.
 
-The gradients of both slopes of a module give its curvature, the symmetric matrix C = I / 2 f0 - K. The diagonal of K
-contains dp_y/dy and dp_z/dz. The off-diagonal element is the mean of dp_y/dz and dp_z/dy, which are equal on any smooth
-surface. The eigenvalues of C are 1 / 2 f for the two principal focal lengths, and the eigenvectors are their
-directions. On a sphere, both focal lengths are equal.
+The gradients of the two slopes of a module give its symmetric curvature matrix C = I / 2 f0 - K. The diagonal of K
+contains dp_y/dy and dp_z/dz. Both off-diagonal elements are the mean of dp_y/dz and dp_z/dy, which are equal on any
+smooth surface. The eigenvalues of C are 1 / 2 f for the two principal focal lengths f, and the eigenvectors are the
+corresponding directions. On a sphere, the two focal lengths are equal.
 
 References
 ----------
@@ -63,13 +67,13 @@ from heliosweep.kernels.vectors import three
 
 Flags = NDArray[np.uint8]
 #: Flags of a pixel. `NOT_CONVERGED`: The search ended before convergence. `UNLIT`: Fewer than 3 cameras are lit.
-#: `OUTSIDE`: At the LM estimate of the slopes, a lit camera sees a point outside the sun's disc, where the tangent
-#: replaces the sun profile.
+#: `OUTSIDE`: For the slopes estimated by LM, a lit camera sees a point outside the sun's disc, where the sun profile is
+#: extrapolated linearly.
 NOT_CONVERGED, UNLIT, OUTSIDE = 1, 2, 4
-#: Nelder-Mead settings. `SIMPLEX`: Side of the first simplex. [rad] `XATOL`: Maximum size of the last simplex. [rad]
-#: `FATOL`: Maximum range of the merit in the last simplex. [1] `LIMIT`: Maximum number of evaluations.
+#: Nelder-Mead settings: side length of the initial simplex [rad], maximum size of the final simplex [rad], maximum
+#: range of the merit in the final simplex [1], and maximum number of evaluations.
 SIMPLEX, XATOL, FATOL, LIMIT = 0.5e-3, 1e-7, 1e-10, 400
-#: Maximum step of LM. [rad]
+#: Maximum length of an LM step. [rad]
 _FARTHEST = 1e-3
 _TINY = 1e-60
 
@@ -85,7 +89,7 @@ class SlopeFit(NamedTuple):
         Cramer-Rao bound: the standard deviation of the LM slopes for camera noise with a standard deviation of 1. For a
         tabulated profile, the bound is computed from the smooth fit to the table. NaN for O1 and O2. [rad]
     gain, merit : ndarray, shape (N,)
-        Gain g, which is 1 unless the gain is fitted, and the minimum sum of squares. [1]
+        Gain g, which is 1 unless it is fitted, and minimum sum of squares. [1]
     evaluations : ndarray of int, shape (N,)
         Number of evaluations of the merit in all stages.
     flags : ndarray of uint8, shape (N,)
@@ -101,7 +105,7 @@ class SlopeFit(NamedTuple):
 
 
 def graduated(profile: Profile) -> list[Profile]:
-    """Return the profiles for the LM stages, from smooth to rough; the last profile is `profile` itself."""
+    """Return the profiles for the LM stages, from smoothest to roughest, ending with `profile`."""
     first = [smooth_fit(profile)] if profile.table.size > 3 else []
     return [*first, *(smoothed(profile, nodes) for nodes in (6.0, 3.0, 1.5, 0.7) if profile.table.size > 0), profile]
 
@@ -123,8 +127,8 @@ def fit_slopes(
     Parameters
     ----------
     method : {'O1', 'O2', 'LM'}
-        For O1, the initial and the fitted slopes are wavefront slopes w. Mirror slopes are T (w - w_ideal) with T from
-        `geometry.transfers` and w_ideal from `ideal_wavefront`.
+        For O1, the initial and the fitted slopes are wavefront slopes w. The mirror slopes are then T (w - w_ideal),
+        with T from `geometry.transfers` and w_ideal from `ideal_wavefront`.
     layout : Scene
         Scene with K cameras.
     profile : Profile or sequence of Profile
@@ -136,7 +140,7 @@ def fit_slopes(
     pixels : array_like, shape (2, N)
         Coordinates y and z of the pixels, relative to the mirror centre. [m]
     threshold : float
-        Minimum brightness of a lit camera; cameras with NaN are not lit. [1]
+        Minimum brightness of a lit camera; a camera with NaN is not lit. [1]
     fit_gain : bool
         If True, fit a gain for each pixel, common to all cameras.
     limit : int
@@ -158,7 +162,7 @@ def fit_slopes(
         enough = 1e-5 if n + 1 < len(stages) else 1e-8 if stage.table.size > 0 else 1e-11
         kind = method == "O1", method == "LM"
         _fit(*kind, layout, stage, brightnesses, places, threshold, fit_gain, enough, limit, fit, evaluations, flags)
-        if n == 0:  # the steepness of a noisy table differs from the steepness of the sun's disc
+        if n == 0:  # noise in a table changes its gradient
             deviation = fit[2:4].copy()
     return SlopeFit(fit[:2], deviation, fit[4], fit[5], evaluations, flags)
 
@@ -166,9 +170,9 @@ def fit_slopes(
 def look_back(layout: Scene, profile: Profile, pixels: Floats, slopes: Floats) -> Floats:
     """Trace rays from K cameras back to the sun.
 
-    `pixels` contains the positions (y, z) of the pixels [m], and `slopes` the slopes p [rad], both with shape (2, N).
-    Returns the squared angle from the disc centre [rad^2], the brightness [1], and the derivatives of the brightness
-    with respect to p [1/rad], shape (4, K, N).
+    `pixels` contains the positions (y, z) of the pixels [m], and `slopes` contains the slopes p [rad], both with shape
+    (2, N). The result, shape (4, K, N), contains the squared angle from the disc centre [rad^2], the brightness [1],
+    and the derivatives of the brightness with respect to p_y and p_z [1/rad].
     """
     x, a, b = ideal_mirror(layout.focal_length, *pixels)
     v, w, va, vb, wa, wb = offsets(layout, np.stack((x, *pixels)), a + slopes[0], b + slopes[1])
@@ -179,7 +183,7 @@ def look_back(layout: Scene, profile: Profile, pixels: Floats, slopes: Floats) -
 
 @kernel
 def _brightness_of(profile: Profile, squares: Floats) -> Floats:
-    """Return both results of `brightness` at n squared angles, shape (2, n)."""
+    """Return the two results of `brightness` at n squared angles, shape (2, n)."""
     out = np.empty((2, squares.size))
     for k in range(squares.size):
         out[0, k], out[1, k] = brightness(profile, squares[k])
@@ -198,8 +202,8 @@ def residual_squares(seen: Floats, images: Floats, threshold: float, fit_gain: b
 def _equations(task, a, b):
     """Return the merit, the gain, a flag, J^T J and J^T r at the slopes (a, b).
 
-    The merit is the sum of the squared residuals r, and J their derivative with respect to the slopes. The flag is True
-    if a camera looks outside the disc.
+    The merit is the sum of the squared residuals r, and J is the derivative of r with respect to the slopes. The flag
+    is True if a camera looks outside the disc.
     """
     wavefront, sun_y, sun_z, profile, fit_gain, rays, bright, rows, count = task
     gain, along_a, along_b, product, square, outside = 1.0, 0.0, 0.0, 0.0, _TINY, False
@@ -232,10 +236,10 @@ def _fit(
     wavefront: bool, levenberg: bool, layout: Scene, profile: Profile, images: Floats, pixels: Floats, threshold: float,
     fit_gain: bool, enough: float, limit: int, fit: Floats, evaluations: Integers, flags: Flags,
 ) -> None:  # fmt: skip
-    """Fit all pixels (y, z), shape (2, N) [m], for one profile: O1 if `wavefront`, LM if `levenberg`, otherwise O2.
+    """Fit the slopes at all pixels (y, z), shape (2, N) [m], with one profile.
 
-    The rows of `fit` are two slopes [rad], two deviations [rad], gain and merit. On entry, `fit` contains the initial
-    slopes.
+    The method is O1 if `wavefront` is True, LM if `levenberg` is True, and otherwise O2. The rows of `fit` contain two
+    slopes [rad], two deviations [rad], the gain and the merit. On entry, `fit` contains the initial slopes.
     """
     cameras = images.shape[0]
     rays, bright, rows, simplex = np.empty((cameras, 3)), np.empty(cameras), np.empty((cameras, 3)), np.empty((5, 3))
@@ -272,9 +276,9 @@ def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
     """Minimise a function of (a + x, b + y) over x and y, starting from three vertices (x, y, value).
 
     `simplex` has five rows: three vertices and two trial points. Returns the number of evaluations, and the second
-    return value of `function` in the last evaluation. The search ends if all vertices are within `xatol` of the best
-    vertex in both coordinates and within `fatol` in value, or if the number of evaluations reaches `limit`. On return,
-    the first vertex is the minimum.
+    value from the last call of `function`. The search ends if all vertices are within `xatol` of the best vertex in
+    both coordinates and within `fatol` in value, or if the number of evaluations reaches `limit`. On return, the first
+    vertex is the minimum.
     """
     count, last = 3, 0.0
     for j in range(3):
@@ -307,7 +311,7 @@ def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
 
 @inline
 def _beyond(simplex, far):
-    """Return the worst vertex moved along the line to the midpoint of the other two, by `far` times the distance."""
+    """Return the worst vertex moved towards the midpoint of the other two, by `far` times the distance to it."""
     cx, cy = (simplex[0, 0] + simplex[1, 0]) / 2.0, (simplex[0, 1] + simplex[1, 1]) / 2.0
     return far * cx + (1.0 - far) * simplex[2, 0], far * cy + (1.0 - far) * simplex[2, 1]
 
@@ -341,8 +345,8 @@ def _sort_vertices(simplex):
 def _levenberg_marquardt(task, ideal_a, ideal_b, n, enough, limit, fit):
     """Improve the slopes of pixel n for one profile; return the number of evaluations and the flags.
 
-    The normal matrix is damped by a fraction of its mean diagonal. The damping is zero as long as all steps succeed.
-    The search ends after a step of at most `enough` [rad].
+    The normal matrix is damped by a fraction of its mean diagonal. The damping remains zero as long as no step
+    increases the merit. The search ends after a step of at most `enough` [rad].
     """
     a, b, damping, step, tries, outside = ideal_a + fit[0, n], ideal_b + fit[1, n], 0.0, math.inf, 0, False
     best, best_a, best_b, best_gain, normal = math.inf, a, b, 1.0, (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -373,14 +377,14 @@ def _levenberg_marquardt(task, ideal_a, ideal_b, n, enough, limit, fit):
 def solutions(gaze: Floats) -> Floats:
     """Return the least-squares solution of method A for each set of lit cameras.
 
-    The cameras are at m_i = `gaze`, shape (K, 2) [rad], with K from 3 to 8. Row s of the result, shape (2^K, 2, K)
-    [1/rad], belongs to the set of cameras i for which bit i of s is 1. The deviation is d = row.(eps0_i^2 - eps_i^2).
-    The elements of each row sum to 0, so the unknown constant c in the differences of the squared angles does not
-    affect d. The row is 0 for dark cameras and NaN if the set does not determine d.
+    `gaze` contains the angular positions m_i of 3 to 8 cameras, shape (K, 2) [rad]. Row s of the result, shape (2^K, 2,
+    K) [1/rad], is the solution if camera i is lit for each bit i of s that is set. The deviation is d = row.(eps0_i^2 -
+    eps_i^2). The elements of each row sum to 0, so the unknown constant c in the differences between the squared angles
+    does not affect d. Elements for dark cameras are 0. A row is NaN if its cameras do not determine d.
     """
     cameras = len(gaze)
     if not 3 <= cameras <= 8:
-        raise ValueError("the number of cameras must be from 3 to 8")
+        raise ValueError("the number of cameras must be between 3 and 8")
     out = np.full((1 << cameras, 2, cameras), math.nan)
     whole = np.sum((gaze - gaze.mean(axis=0)) ** 2)
     for mask in range(len(out)):
@@ -395,10 +399,11 @@ def solutions(gaze: Floats) -> Floats:
 
 
 def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
-    """Return the wavefront slopes w_ideal, shape (2, N) [rad], of the ideal mirror by method A with all cameras.
+    """Return the wavefront slopes w_ideal of the ideal mirror, shape (2, N). [rad]
 
-    `ideal` contains squared angles from `look_back`, shape (K, N) [rad^2]. w_ideal is the effect of aberrations at
-    oblique incidence. The slopes w of a mirror with defects are w_ideal plus the deviation d.
+    The slopes are estimated by method A with all cameras. `ideal` contains squared angles from `look_back`, shape
+    (K, N) [rad^2]. w_ideal is the effect of aberrations at oblique incidence. The wavefront slopes w of a mirror with
+    defects are w_ideal plus the deviation d.
     """
     row = solutions(layout.gaze)[-1]
     seen = np.sum(layout.gaze**2, axis=1)[:, np.newaxis] - ideal
@@ -408,13 +413,12 @@ def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
 def wavefront_departures(
     images: Floats, ideal: Floats, rows: Floats, profile: Profile, threshold: float
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Return deviations d of the wavefront slopes from the ideal mirror, shape (2, N) [rad], and the lit cameras.
+    """Return the deviations d of the wavefront slopes, shape (2, N) [rad], and the lit cameras.
 
     `images`, shape (K, N), contains brightness relative to the disc centre [1], with NaN for excluded pixels. `ideal`
     contains squared angles from `look_back` [rad^2], and `rows` the least-squares solutions from `solutions`.
     `threshold` is the minimum brightness of a lit camera. Deviations are NaN if fewer than 3 cameras are lit or the lit
-    cameras are collinear. The lit cameras of a pixel are stored as an integer, in which bit i is set if camera i is
-    lit.
+    cameras are collinear. The lit cameras of each pixel are encoded as an integer: bit i is set if camera i is lit.
     """
     lit = images >= threshold  # False for NaN
     masks = np.sum(lit * (1 << np.arange(len(images)))[:, np.newaxis], axis=0)
@@ -425,7 +429,7 @@ def wavefront_departures(
 def transferred(departures: Floats, matrices: Floats) -> Floats:
     """Return the mirror slopes p = T d, shape (T, 2, N). [rad]
 
-    `departures` contains the deviations d, shape (2, N) [rad], and `matrices` the matrices T, shape (T, 2, 2) [1].
+    `departures` contains the deviations d, shape (2, N) [rad]. `matrices` contains the matrices T, shape (T, 2, 2) [1].
     """
     left, right = matrices[:, :, :1], matrices[:, :, 1:]
     return left * departures[0] + right * departures[1]
@@ -440,22 +444,24 @@ def slope_bound(
     fit_gain: bool = False,
     lit: NDArray[np.int64] | None = None,
 ) -> Floats:
-    """Return the Cramer-Rao bound, the minimum standard deviation of unbiased slope estimates under camera noise.
+    """Return the Cramer-Rao bound of the slopes.
+
+    The bound is the minimum standard deviation of unbiased slope estimates from images with camera noise.
 
     Parameters
     ----------
     layout : Scene
         Scene with K cameras.
     profile : Profile
-        Sun profile used in the reconstruction. The bound for a table uses its smooth fit, as in `fit_slopes`, because
-        the steepness between noisy nodes differs from the steepness of the sun's disc.
+        Sun profile used in the reconstruction. For a table, the bound is computed from the smooth fit to the table, as
+        in `fit_slopes`, because noise changes the gradient between the nodes.
     pixels : ndarray, shape (2, N)
         Coordinates y and z of the pixels. [m]
     slopes : ndarray, shape (2, N)
         Slopes p relative to the ideal mirror. [rad]
     noise : array_like, shape (), (N,) or (K, N)
-        Standard deviation of normal noise in each image, relative to the disc centre in the image. For cameras with a
-        gain, `noise` is the camera noise divided by the gain. Cameras with NaN are excluded. [1]
+        Standard deviation of the normally distributed noise in each image, relative to the disc centre in the image.
+        For cameras with a gain, `noise` is the camera noise divided by the gain. Cameras with NaN are excluded. [1]
     fit_gain : bool
         If True, the slopes are fitted together with a gain for each pixel, common to all cameras.
     lit : ndarray of int, shape (N,), optional
@@ -490,13 +496,13 @@ def slope_bound(
 #: Number of blocks along each side of a module, used if the errors of neighbouring pixels are correlated.
 _BLOCKS = 4
 #: Number of random draws for the standard errors of pointing and canting.
-#: The relative random error of the standard errors is then 1.6 %.
+#: The standard errors then have a relative random error of 1.6 %.
 _DRAWS = 2000
 
 
 @lru_cache(maxsize=8)
 def _draws(modules: int) -> Floats:
-    """Return standard normal numbers that are identical in all calls, shape (draws, 2, 2, modules).
+    """Return the same standard normal numbers in each call, shape (draws, 2, 2, modules).
 
     The second axis is for level and curvature, and the third for the two directions.
     """
@@ -522,9 +528,9 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
         bend = np.sum(weight * (slant * draws[:, 0] + rest * draws[:, 1]), axis=(1, 2))
         moved = level - bend[:, np.newaxis, np.newaxis] * lever
         # The values in `away` already contain module errors.
-        # The part that these errors can explain is removed before new errors are drawn.
-        # Modules within 1.3 standard errors of the pointing are moved to the pointing.
-        # The standard errors are then accurate to 10 % for 8 modules.
+        # The part that these errors can explain is removed before new errors are added. Modules within 1.3 standard
+        # errors of the pointing are moved to the pointing. With this limit, the standard errors are accurate to 10 %
+        # for 8 modules.
         share = 1.0 - 1.3**2 * np.mean(moved**2, axis=0) / away**2
     pointing = np.median(away * np.where(share > 0.0, share, 0.0) + moved, axis=2)
     off = pointing - pointing.mean(axis=0)
@@ -560,29 +566,32 @@ def module_estimates(
     focal_length: float,
     deviation: Floats | None = None,
 ) -> dict[str, Any]:
-    """Estimate canting, pointing and focal length from slopes p relative to the ideal mirror, shape (2, N) [rad].
+    """Estimate the canting, pointing and focal length of a heliostat from its slopes.
 
-    Slopes are NaN at pixels without a value. `use`, from `eroded`, is True for the usable pixels of M modules.
-    `focal_length` is f0 of the ideal mirror [m]. `deviation` is the standard deviation of the noise of each slope,
-    shape (2, N) [rad]. If `deviation` is specified, the noise is subtracted from the waviness.
+    `slopes` contains the slopes p relative to the ideal mirror, shape (2, N) [rad], with NaN at pixels without a value.
+    `use`, from `eroded`, is True for the usable pixels of M modules. `focal_length` is the focal length f0 of the ideal
+    mirror [m]. `deviation` is the standard deviation of the slope noise, shape (2, N) [rad]. If `deviation` is
+    specified, the noise is subtracted from the waviness.
 
-    Standard errors follow from the scatter of each module about its plane. If the scatter of neighbouring pixels is
-    correlated, as on a wavy mirror, blocks of one sixteenth of a module are treated as independent samples. The
-    standard errors of pointing and canting are the errors of a median. If the modules with slopes near the median
-    differ strongly, only one or two modules determine the error of the median. Errors common to a whole module or
-    heliostat, such as an error of the sun profile, are not included.
+    The standard errors are computed from the scatter of the slopes of each module about the fitted plane. If the
+    scatter of neighbouring pixels is correlated, as on a wavy mirror, blocks of one sixteenth of a module are treated
+    as independent samples. The pointing is a median over the modules, and its error is also part of the canting error.
+    If the slopes of the modules near the median differ strongly, only one or two modules determine this error. Errors
+    common to a whole module or heliostat, such as an error in the sun profile, are not included.
 
-    The function returns the following values, which are NaN if too few pixels are usable. An axis of length 2 contains
-    the horizontal and the vertical component.
+    The function returns a dictionary with the following values, which are NaN if too few pixels are usable. An axis of
+    length 2 contains the horizontal and the vertical component.
 
     - `canting`, (2, M): slopes of each module at its centre, minus the pointing. [rad]
-    - `pointing`, (2,): median of the modules' slopes at their centres relative to the heliostat's own sphere. [rad]
-    - `focal_length`: f of the modules. [m]
-    - `waviness`, (2, M): root mean square of the slopes after subtraction of the plane and of known noise. [rad]
+    - `pointing`, (2,): median over the modules of the slopes at their centres, relative to the heliostat's own sphere.
+      [rad]
+    - `focal_length`: focal length f of the modules. [m]
+    - `waviness`, (2, M): root mean square of the slopes after subtraction of the fitted plane and the known noise.
+      [rad]
     - `principal`, (2, M): principal focal lengths of each module, ordered by increasing curvature; negative if convex.
       [m]
-    - `axis`, (M,): direction of the first principal focal length, -pi/2 to pi/2, from horizontal (right seen from the
-      target) upwards. [rad]
+    - `axis`, (M,): direction of the first principal focal length, between -pi/2 and pi/2, measured upwards from
+      horizontal (to the right as seen from the target). [rad]
     - `canting_error`, `pointing_error`, `focal_length_error`, `principal_error` and `axis_error`: standard errors. The
       error of the axis is large for a sphere, which has no distinct axis.
     """
@@ -595,8 +604,8 @@ def module_estimates(
         np.array(planes), 0, -1
     )
     seen = np.isfinite(shared[0])
-    # The ratio of the block variance to the variance expected for independent pixels is 1 unless it is significant.
-    # A fitted plane reduces the degrees of freedom of the blocks by three.
+    # The ratio of the block variance to the variance expected for independent pixels is set to 1 unless it is
+    # significantly larger than 1. A fitted plane reduces the degrees of freedom of the blocks by three.
     ratio = np.mean(shared[:, seen], axis=1) if seen.any() else np.ones(2)
     chance = math.sqrt(2.0 / (max(int(np.count_nonzero(seen)), 1) * (_BLOCKS * _BLOCKS - 3.0)))
     inflation = np.where(ratio > 1.0 + 2.0 * chance, ratio, 1.0)[:, np.newaxis]
@@ -606,7 +615,7 @@ def module_estimates(
     good = np.isfinite(along) & np.isfinite(variance)
     certain = not np.all(variance[good] > 0.0)
     with np.errstate(all="ignore"):
-        weight = np.where(good, 1.0 if certain else 1.0 / variance, 0.0)  # of the modules in the common curvature
+        weight = np.where(good, 1.0 if certain else 1.0 / variance, 0.0)  # of the modules in the common gradient
         total = float(np.sum(weight)) or math.nan
         weight = weight / total
     bend = float(np.sum(weight[good] * along[good])) if good.any() else math.nan
@@ -637,7 +646,7 @@ def module_estimates(
 def _principal(
     along: Floats, along_variance: Floats, across: Floats, across_variance: Floats, focal_length: float
 ) -> dict[str, Floats]:
-    """Return principal focal lengths and axes of modules, with standard errors, from gradients of both slopes.
+    """Return the principal focal lengths and axes of M modules, with standard errors.
 
     `along` contains dp_y/dy and dp_z/dz, and `across` contains dp_y/dz and dp_z/dy, both with shape (2, M). [1/m]
     """
@@ -658,13 +667,14 @@ def _principal(
 
 
 def _plane(slopes: Floats, noise: Floats, offset: Floats, size: Floats) -> Floats:
-    """Fit planes to the slopes of a module. Slopes, noise and offsets from the module's centre have shape (2, n).
+    """Fit a plane to the horizontal and to the vertical slopes of a module.
 
-    Returns nine quantities for each direction, shape (9, 2), or NaN if there are too few pixels. The first three are
-    the value at the centre, and the gradients along and across the direction of the slope. Four quantities follow from
-    the residuals: the variances of the value and of the gradient along, their covariance, and the variance of the
-    gradient across. The last two are the root mean square of the residuals minus known noise, and the squared sums of
-    the residuals over blocks, relative to the value for independent pixels.
+    The slopes, their noise and the offsets of the pixels from the module's centre have shape (2, n). Returns nine
+    quantities for each slope direction, shape (9, 2), or NaN if there are too few pixels. The first three are the value
+    at the centre, and the gradients along and across the slope direction. The next four, computed from the residuals,
+    are the variances of the value and of the gradient along, their covariance, and the variance of the gradient across.
+    The last two are the root mean square residual after subtraction of known noise, and the squared sums of the
+    residuals over blocks, relative to the value expected for independent pixels.
     """
     n = offset.shape[1]
     mean = offset.sum(axis=1) / max(n, 1)
