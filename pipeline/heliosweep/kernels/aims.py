@@ -1,4 +1,4 @@
-"""Choose aim points under flux limits: the smoothed dual function, and choices for one heliostat at a time.
+"""Choose aim points under flux limits by the smoothed dual function, or for one heliostat at a time.
 
 The flux images form a CSR matrix, stored as a tuple of three arrays: the first entry of each row, the cells, and the
 flux. Row a * N + i is the image of heliostat i for aim a. A choice contains the index of the aim chosen for each
@@ -11,7 +11,7 @@ import numpy as np
 
 from heliosweep.kernels.compiled import inline, kernel
 
-#: Share at or below which the image of an aim is omitted.
+#: Images of aims with at most this share are neglected.
 _SHARE = 1e-9
 #: Tolerated excess of the flux in a cell over the limit, relative to the limit.
 EXCESS = 1e-12
@@ -76,7 +76,7 @@ def brightest(images, limit):
 
 @kernel
 def choose(order, power, images, limit, penalty, share, load, choice):
-    """Choose for each heliostat in turn the aim of maximum power minus `penalty` times the added overload.
+    """Choose, for each heliostat in turn, the aim that maximises the power minus `penalty` times the added overload.
 
     An overload is the flux in a cell above its limit, divided by the limit. On entry, `load` contains the flux for the
     shares in `share`. On return, `load` contains the flux of the chosen aims, and each chosen aim has a share of 1.

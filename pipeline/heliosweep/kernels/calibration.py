@@ -1,7 +1,7 @@
 """Estimate the errors of many mounts at once from spots or detector crossings by robust least squares.
 
 Each mount has a list of observations at commanded encoder angles. A spot has two coordinates (y, z) on the receiver
-plane. A crossing of a trace with an array of detectors has one coordinate, its position along the array. The fit
+plane. A crossing of a trace with a detector array has one coordinate, the position along the array. The fit
 estimates the first 2, 4 or 6 errors of `mounts.ERRORS` by minimising
 
     1/2 sum_i c^2 rho(w_i |r_i|^2 / c^2),    r_i = predicted - measured observation,
@@ -9,7 +9,7 @@ estimates the first 2, 4 or 6 errors of `mounts.ERRORS` by minimising
 where the weights w_i are divided by their mean. The loss rho(u) is u (squared), u up to 1 and 2 sqrt(u) - 1 beyond
 (Huber), or log(1 + u) (Cauchy). The loss of a spot depends on the distance |r_i|, not on each coordinate separately.
 The Levenberg-Marquardt steps use iteratively reweighted rows of the Jacobian [1]_. After `PATIENCE` steps, the method
-uses the second derivative of the cost. The Cauchy loss may have several minima, so its fit starts from the solution for
+uses second derivatives of the cost. The Cauchy loss may have several minima, so its fit starts from the solution for
 the Huber loss. All other fits start from zero errors.
 
 Derivatives: an error rotates the mirror about an axis w. A unit vector a of the mirror (the normal n for spots, the
@@ -49,10 +49,10 @@ from heliosweep.kernels.vectors import cross, dot, minus, mixed, scaled, unit
 
 #: Statuses of estimates. `ESTIMATED`: The errors are estimated.
 #: `TOO_FEW`: There are too few observations to estimate the errors.
-#: `INDISTINCT`: The errors are estimated, but the observations hardly distinguish the errors.
-#: The condition number of an `INDISTINCT` estimate is above the limit.
+#: `INDISTINCT`: The errors are estimated, but the observations hardly distinguish between the errors.
+#: An estimate is `INDISTINCT` if its condition number is above the limit.
 #: `NOT_CONVERGED`: The iteration did not converge. The estimate is the last point, or NaN if this point is not valid.
-#: `DEPENDENT`: The observations do not distinguish the errors, for example because all have the same instant.
+#: `DEPENDENT`: The observations do not distinguish between the errors, for example at a single instant.
 #: No errors are estimated if the status is `DEPENDENT`.
 #: `EXACT`: The number of equations equals the number of errors, so the estimate has no covariance.
 #: `NO_OBSERVATIONS`: The mount has no usable observation, and no errors are estimated.
@@ -85,7 +85,7 @@ class Observed(NamedTuple):
     #: For crossings, positions relative to the aim point in the world frame, shape (N, M, 3). [m]
     #: Missing observations are NaN.
     position: Floats
-    #: Inverse variances in any unit, shape (N, M). Only the ratios of the weights within a mount matter. [1]
+    #: Inverse variances in any unit, shape (N, M). Only the ratios between the weights of a mount matter. [1]
     #: Observations of weight 0 are predicted but not fitted.
     weight: Floats
     #: Trace of each crossing, `TRACE_ELEVATION` or `TRACE_AZIMUTH`, shape (N, M).
@@ -168,7 +168,7 @@ def fit(
     """
     limit = CONDITION_LIMITS[parameters] if condition_limit is None else condition_limit
     count, spots = observed.weight.shape
-    step, found = max(1, 20_000 // max(1, spots)), []  # number of mounts in a batch, to limit memory use
+    step, found = max(1, 20_000 // max(1, spots)), []  # number of mounts per batch, to limit memory use
     with np.errstate(all="ignore"):
         for first in range(0, max(count, 1), step):
             part = slice(first, first + step)
@@ -190,7 +190,7 @@ class _Problem:
             columns += [observed.along, observed.trace[..., np.newaxis]]
         self.seen = np.ascontiguousarray(np.concatenate(columns, axis=-1))
         self.start, _, sines = self.predicted(np.arange(len(angles)), np.zeros((len(angles), len(ERRORS))))
-        # crossings at which trace and array are nearly parallel, seen from the mirror, are not used
+        # Crossings are not used if the trace and the array are nearly parallel, as seen from the mirror.
         usable = np.isfinite(self.start).all(axis=-1) & (observed.weight > 0) & ~(np.abs(sines) <= 0.05)
         self.used = np.count_nonzero(usable, axis=1)
         # Two divisions avoid overflow, because weights may have any unit.
@@ -244,10 +244,10 @@ class _Problem:
         return 0.5 * (hessian + hessian.swapaxes(1, 2))
 
     def minimise(self, loss: int, errors: Floats, here: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Minimise the cost of the mounts `here` in place; return the mounts that did not converge.
+        """Minimise the cost of the mounts `here`, and return the mounts that did not converge.
 
-        The damping is zero until a step fails, and decreases when steps succeed. Negative curvatures are replaced by
-        their magnitudes, so that every step descends.
+        `errors` is updated in place. The damping is zero until a step fails, and decreases when steps succeed. Negative
+        curvatures are replaced by their magnitudes, so that every step descends.
         """
         throw = np.sqrt(np.sum(self.mounts.to_target**2, axis=1))
         residual, rows, _ = self.predicted(here, errors[here])
@@ -272,7 +272,7 @@ class _Problem:
             tried[:, : self.parameters] -= step
             new_residual, new_rows, _ = self.predicted(here, tried)
             new_cost = self.cost(here, new_residual, loss)
-            # Near the minimum, changes of the cost and of the steps are only rounding errors.
+            # Near the minimum, changes in the cost and in the steps are only rounding errors.
             floor = ROUNDING * throw[here]
             slack = 1e-9 * cost + 100.0 * self.used[here] * floor**2
             better = new_cost <= cost + slack
@@ -304,8 +304,8 @@ class _Problem:
         left = np.where(root > 0, root * rows, 0.0).reshape(count, -1, p)
         left = np.where(np.isfinite(left).all(axis=(1, 2), keepdims=True), left, 0.0)
         left = np.pad(left, ((0, 0), (0, max(p - left.shape[1], 0)), (0, 0)))
-        _, values, vectors = np.linalg.svd(left, full_matrices=False)  # decomposition of the weighted Jacobian
-        # below this ratio of singular values, only rounding distinguishes the errors
+        _, values, vectors = np.linalg.svd(left, full_matrices=False)  # of the weighted Jacobian
+        # below this ratio of singular values, only rounding errors distinguish between the mount errors
         distinct, condition = enough & (values[:, -1] > 1e-11 * values[:, 0]), values[:, 0] / values[:, -1]
         variance = self.variance(residual, loss, equations)
         status = np.where(enough, np.where(distinct, ESTIMATED, DEPENDENT), TOO_FEW)
@@ -338,7 +338,7 @@ class _Problem:
         )
 
     def variance(self, residual: Floats, loss: int, equations: Integers) -> Floats:
-        """Return the factor that multiplies (J^T W J)^-1 in the covariance; NaN if there are no degrees of freedom.
+        """Return the factor of (J^T W J)^-1 in the covariance; NaN without degrees of freedom.
 
         W does not include the weights from the loss function.
         """

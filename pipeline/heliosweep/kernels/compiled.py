@@ -1,7 +1,7 @@
 """Compiler options of all kernels, and cache folder of the compiled code.
 
-Kernels release the interpreter lock. Kernels are not parallel, because calling a `prange` kernel from two threads
-aborts the process. Kernels do not reorder sums, so results do not depend on how the work is split.
+Kernels release the global interpreter lock. They do not use `prange`, because calling a `prange` kernel from two
+threads aborts the process. Kernels do not reorder sums, so results do not depend on how the work is split.
 """
 
 import contextlib

@@ -1,7 +1,7 @@
-"""Compile the functions of a kernel for a GPU, and run them there.
+"""Compile the functions of a kernel for a GPU, and run the kernel on the GPU.
 
 All threads of a thread block work on the same block of rays. The functions `lane`, `lanes`, `barrier` and `add` of a
-kernel's module are replaced by versions for the device. All other code is common to CPU and GPU.
+kernel's module are replaced by versions for the device. All other code is shared by the CPU and the GPU.
 """
 
 import os
@@ -56,7 +56,7 @@ def add(array: Any, index: Any, value: Any) -> None:
 
 
 def _run(problem: Any, sums: Any, cells: Any, whole: Any, found: Any, frames: Any, stamp: Any) -> None:
-    """Run `work` in one thread block, with its own scratch arrays."""
+    """Run `work` in one thread block, with separate scratch arrays for each block."""
     at = cuda.blockIdx.x
     r = cuda.shared.array(floats[0], np.float32)
     f = cuda.shared.array(floats[1], np.float32)

@@ -56,7 +56,7 @@ ERRORS = (
     "non_orthogonality",
     "collimation",
 )
-#: Sine of the angle to the vertical, or cosine of an elevation, below which a direction counts as vertical.
+#: Sine of the angle to the vertical, or cosine of an elevation, below which a direction is treated as vertical.
 _LEVEL = 1e-12
 
 
@@ -147,7 +147,7 @@ def point(n, ce, se, cm, sm):
 
 
 #: Statuses of spots. `REACHES`: The ray reaches the receiver plane. The spot is NaN for all other statuses.
-#: `MISSES`: The ray points away from the plane or along it, or the sun lights the back of the mirror.
+#: `MISSES`: The ray points away from the plane or is parallel to it, or the sun illuminates the back of the mirror.
 #: `BEHIND_FACE`: The pivot or the mirror centre lies on the receiver plane or behind it.
 #: `NO_SUN`: The sun is not above the horizon, or its position is NaN.
 #: `BLIND_CONE`: The mount cannot point in the required direction, although the aim point is far enough.
@@ -274,7 +274,7 @@ def mount_of(errors, frame, to_target, offsets) -> Mount:
     u = math.sin(2.0 * half) / (2.0 * half) if half > 0.0 else 1.0
     v = 0.5 * (math.sin(half) / half) ** 2 if half > 0.0 else 0.5
     xy = v * east * north
-    tilt = (  # matrix Rtilt of the rotation by the vector (east, north, 0), accurate for any length
+    tilt = (  # matrix Rtilt for the rotation vector (east, north, 0), accurate for any length of the vector
         (1.0 - v * north * north, xy, u * north),
         (xy, 1.0 - v * east * east, -u * east),
         (-u * north, u * east, 1.0 - v * square),
@@ -487,7 +487,7 @@ class Mounts(NamedTuple):
         return plane[..., :1] * self.face[1] + plane[..., 1:] * self.face[2]
 
     def _rowwise(self, fill, count: int, *vectors: Floats) -> Floats:
-        """Call a kernel for each row of the broadcast vectors; return `count` numbers for each row."""
+        """Call a kernel with the rows of the broadcast vectors, and return `count` numbers for each row."""
         inner = slice(None), *[np.newaxis] * (max(each.ndim for each in vectors) - 2)
         arrays = [self.frames.reshape(-1, 9)[inner], self.to_target[inner], *vectors]
         shape = np.broadcast_shapes(*(each.shape[:-1] for each in arrays))
@@ -527,8 +527,8 @@ def pointing_turns(
 ) -> Floats:
     """Return the pointing errors of N mirrors towards the axes u and v at T instants, shape (N, T, 2). [rad]
 
-    The encoder angles are computed for a mount without errors. The rotation of a mirror about its normal is omitted.
-    The rotations are zero while the sun is below the horizon.
+    The encoder angles are computed for a mount without errors. The rotation of a mirror about its normal is neglected.
+    The pointing errors are zero while the sun is below the horizon.
 
     Parameters
     ----------
@@ -541,8 +541,8 @@ def pointing_turns(
     suns : ndarray, shape (T, 3)
         Unit vectors to the sun. [1]
     start, stride : int
-        Sum of the indices of the first mirror and the first instant, and stride. A rotation is computed only if the sum
-        of its mirror and instant indices is a multiple of the stride, and is 0 otherwise.
+        `start` is the sum of the indices of the first mirror and the first instant. A pointing error is computed only
+        if the sum of its mirror and instant indices is a multiple of `stride`, and is 0 otherwise.
     """
     out = np.zeros((len(centre), len(suns), 2))
     for i in range(out.shape[0]):

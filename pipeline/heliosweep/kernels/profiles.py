@@ -3,7 +3,7 @@
 Jose's generalised formula [1]_, [2]_ is B = A + (1 - A) sqrt(1 - u^xi) with u = eps / eps_max. Every analytic profile
 here is a cubic in c = sqrt(1 - u^xi), and Jose's formula is the linear case. A tabulated profile has nodes at equal
 steps of eps and is linear between its nodes. Renderers use the profile itself, which is exactly 0 outside the disc
-(`render`). Reconstructions need a slope everywhere, so they continue the profile by its tangent at 0.9995 eps_max.
+(`render`). Reconstructions need a slope everywhere, so they extend the profile along its tangent at 0.9995 eps_max.
 
 References
 ----------
@@ -231,7 +231,7 @@ def scaled(profile: Profile, error: float) -> Profile:
 def smoothed(profile: Profile, nodes: float) -> Profile:
     """Smooth a tabulated profile by a Gaussian with a standard deviation of `nodes` table steps.
 
-    For the convolution, the table is reflected at the disc centre and continued by its tangent beyond the edge.
+    For the convolution, the table is mirrored at the disc centre and extended along its tangent beyond the edge.
     """
     table = profile.table
     reach = math.ceil(5.0 * nodes)
@@ -259,8 +259,8 @@ def normal_draws(seed: int, stream: int, count: int) -> Floats:
     """Return standard normal numbers from the counter-based generator Philox 4x64.
 
     The number at index k depends only on k and on the key. The key consists of `seed` and `stream`, which must not be
-    negative; each purpose has its own stream. The result has shape (count,). Pairs of numbers are computed by the
-    Box-Muller transform.
+    negative. Each use of the generator has a separate stream. The result has shape (count,). Pairs of numbers are
+    computed by the Box-Muller transform.
     """
     pairs = (count + 1) // 2
     raw = Philox(key=np.array([seed, stream], np.uint64)).random_raw(2 * pairs)

@@ -29,7 +29,7 @@ from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, by_cells, cone, 
 from heliosweep.kernels.mounts import face_vectors, pointing_turns
 from heliosweep.kernels.sunshapes import SunShape, pillbox, quantile
 
-#: Receiver types: a flat rectangle that is lit from one side, and the outside of an upright cylinder.
+#: Receiver types: a flat rectangle that receives light on one side, and the outside of an upright cylinder.
 RECTANGLE, CYLINDER = 0, 1
 #: Number of independent estimates of each result.
 REPLICATES = 8
@@ -40,7 +40,7 @@ COSINE_PAST_TOWER, QUANTITIES = 10, 11
 #: Number of rays in a block.
 _LANES = 64
 _DIMENSIONS, _BITS = 8, 30
-#: Degree and coefficients of a primitive polynomial, and first direction numbers, for each dimension [1]_.
+#: For each dimension: degree and coefficients of a primitive polynomial, and initial direction numbers [1]_.
 _DIRECTIONS = ((0, 0), (1, 0, 1), (2, 1, 1, 3), (3, 1, 1, 3, 1), (3, 2, 1, 1, 1), (4, 1, 1, 1, 3, 3),
                (4, 4, 1, 3, 5, 13), (5, 2, 1, 1, 5, 5, 17))  # fmt: skip
 _FAST = {"contract", "nsz", "arcp"}
@@ -59,20 +59,20 @@ _PILOT = 50_000
 #: Maximum number of rays in a study or call, and minimum number of rays traced per second on one core.
 MOST_RAYS, RAYS_PER_SECOND = 2e12, 2e7
 #: Binary logarithms of the maximum number of points per replicate, heliostat and instant.
-#: The first value applies if the user sets the number of rays, the second if a precision determines the number.
+#: The first value applies if the user sets the number of rays, the second if the number is computed from a precision.
 _MOST_POWER, _PILOT_POWER = 19, 16
-#: Maximum number of rays per heliostat and instant if a precision determines the number of rays.
+#: Maximum number of rays per heliostat and instant if the number is computed from a precision.
 MOST = REPLICATES << _PILOT_POWER
 
-#: Lock that lets one thread compute points (130 MB for 4 million rays), which the other threads then use.
+#: Lock under which one thread computes the points (130 MB for 4 million rays). All other threads use the same points.
 _LOCK = threading.Lock()
 
 
 class Errors(NamedTuple):
     """Standard deviations of random errors per axis: one number for all heliostats, or an array of shape (N,). [rad]
 
-    Slope and tracking errors rotate the normal towards u (along the width) and v (along the height). Specularity is the
-    deviation of the reflected ray.
+    Slope and tracking errors rotate the normal towards u (along the width) and v (along the height). Specularity
+    errors deflect the reflected ray.
     """
 
     slope_u: float | Floats
@@ -81,7 +81,7 @@ class Errors(NamedTuple):
 
 
 class Facets(NamedTuple):
-    """Number of columns and rows of facets on each mirror (1 for an undivided mirror), and gap between facets [m]."""
+    """Number of facet columns and rows on each mirror (1 for an undivided mirror), and gap between facets [m]."""
 
     columns: int
     rows: int
@@ -91,9 +91,9 @@ class Facets(NamedTuple):
 class Receiver(NamedTuple):
     """A rectangular or cylindrical receiver, created by `rectangle` or `cylinder`.
 
-    The components of the centre are east, north, up [m]. A rectangle has unit vectors along its width and height, and
-    its face is on the side of their vector product. `half_width` is half the width of a rectangle, or the radius of a
-    cylinder, and `half_height` is half the height. [m]
+    `centre` contains the east, north and up coordinates of the centre [m]. `across` and `upward` are unit vectors along
+    the width and height of a rectangle, which faces the direction of their vector product. `half_width` is half the
+    width of a rectangle or the radius of a cylinder, and `half_height` is half the height, both in m.
     """
 
     kind: int
@@ -105,16 +105,17 @@ class Receiver(NamedTuple):
 
 
 def rectangle(centre: tuple[float, float, float], azimuth: float, tilt: float, width: float, height: float) -> Receiver:
-    """Return a rectangle that faces `azimuth` (clockwise from north) and `tilt` (above the horizontal) [rad].
+    """Return a rectangular receiver.
 
-    The other arguments are the centre, the width and the height of the rectangle [m].
+    `azimuth` (clockwise from north) and `tilt` (above the horizontal) specify the direction of its outward normal
+    [rad]. `centre`, `width` and `height` are in m.
     """
     _, across, upward = face_vectors(azimuth, tilt)
     return Receiver(RECTANGLE, centre, across, upward, width / 2, height / 2)
 
 
 def cylinder(centre: tuple[float, float, float], radius: float, height: float) -> Receiver:
-    """Return an upright cylinder; all lengths are in m."""
+    """Return an upright cylindrical receiver; all lengths are in m."""
     return Receiver(CYLINDER, centre, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), radius, height / 2)
 
 
@@ -126,10 +127,12 @@ class SlopeMap(NamedTuple):
     x, y : ndarray, shape (C,) and (R,)
         Coordinates along width and height, relative to the centre of the mirror or facet. [m]
     slope : ndarray, shape (M, R, C, 2)
-        Rotation of the normal towards u and v, for M maps. Missing values (NaN) are replaced by their nearest
-        neighbours. [rad]
+        Rotation of the normal towards u and v, for M maps. Missing values (NaN) are replaced by the nearest valid
+        values. [rad]
     number : ndarray of int, shape (N,)
         Index of the slope map of each heliostat.
+    facet : bool
+        True if a map describes one facet, False if it describes a whole mirror.
     """
 
     x: Floats
@@ -181,16 +184,16 @@ class Scene(NamedTuple):
 class Traced(NamedTuple):
     """Sums over rays.
 
-    Sums over parts of a field or period can be added without rounding errors, because all values are multiples of one
-    power of two.
+    All values are integer multiples of a power of two. The sums of several parts of a field or period can therefore be
+    added without rounding errors.
 
     `sums` has shape (`REPLICATES`, heliostats, groups, `QUANTITIES`). `flux` is the light on each cell, in units of
     `unit`, shape (`REPLICATES`, rows, columns). `field` contains the sums over the heliostats at each instant, shape
     (`REPLICATES`, instants, `QUANTITIES`). The sums at each instant are not weighted, but multiplied by `share`
     (`REFLECTED` and `RECEIVED`) or `area` (other quantities).
 
-    If requested, the images of the heliostats are stored as the number of lit cells of each heliostat, the indices of
-    these cells, and the light on them, ordered by heliostat.
+    If requested, `images` contains the number of lit cells of each heliostat, the indices of these cells, and the light
+    on each cell, sorted by heliostat.
     """
 
     sums: Floats
@@ -225,7 +228,7 @@ def add(array, index, value):
 
 @kernel
 def _blockers(start, stop, beams, field, spheres, cells, names, rank, found, limits, firsts, out):
-    """List the heliostats that may block each heliostat; if `out` is too short, only its offsets `firsts` are valid."""
+    """List the heliostats that may block each heliostat. If `out` is too short, only the offsets `firsts` are valid."""
     for i in range(start, stop):
         dx, dy, dz = field[i, 4] - field[i, 0], field[i, 5] - field[i, 1], field[i, 6] - field[i, 2]
         far = limits[i - start] = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -238,7 +241,7 @@ def _blockers(start, stop, beams, field, spheres, cells, names, rank, found, lim
 
 @inner(fastmath=_FAST)
 def _frame(j, t, sx, sy, sz, spinning, field, frames, stamp):
-    """Write the normal, the axes u and v, and the direction to the aim point of a mirror, once for each instant."""
+    """Write the normal, the axes u and v, and the direction to the aim point of a mirror, once per instant."""
     if stamp[j] == t:
         return
     stamp[j] = t
@@ -286,7 +289,7 @@ def _place(r, count, points, block, f):
 
 @inner(fastmath=_FAST)
 def _map_slopes(r, count, place, slope, facet):
-    """Interpolate a slope map at the points of rays, and write the slopes to rows `_E` and `_F`.
+    """Interpolate a slope map at the starting points of rays, and write the slopes to rows `_E` and `_F`.
 
     `place` contains the first x and y of the grid, and the inverses of its steps.
     """
@@ -477,7 +480,7 @@ def trace_pairs(
     """Trace every `blocks`-th heliostat-instant pair, and add the results to `sums`, `flux` and `whole`.
 
     The pairs combine heliostats start..stop with instants begin..end. The threads that share a block of rays run this
-    function together. Each thread traces its own rays, and all threads write the same constants of a pair.
+    function together. Each thread traces its own rays, and all threads write identical constants for a pair.
     """
     (
         start,
@@ -587,7 +590,7 @@ def _add(sums, m, counts, w0, w1, cosine, each, unit):
 
 
 def _sobol(rng: np.random.Generator, power: int) -> Floats:
-    """Return 2**power points of a scrambled Sobol sequence in eight dimensions, as from `scipy.stats.qmc.Sobol`.
+    """Return 2**power points of a scrambled Sobol sequence in eight dimensions, like `scipy.stats.qmc.Sobol`.
 
     This function replaces SciPy's sampler, which takes 0.6 s to import.
     """
@@ -766,7 +769,7 @@ def trace(
         amount = (light[lit] / (REPLICATES * scale[1])).astype(np.float32)
         return flux.sum(axis=0), whole, (np.bincount(lit[0], minlength=end - begin), lit[1].astype(np.int32), amount)
 
-    # There are more parts than threads, so that all threads finish at nearly the same time.
+    # With more parts than threads, all threads finish at nearly the same time.
     threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
     parts = max(parts, (stop - start) // 64) if images else parts  # 64 heliostats with images at a time
@@ -804,7 +807,7 @@ def mean_error(values: NDArray[Any]) -> tuple[Floats, Floats]:
 def intercept(optical: Floats, light: Floats) -> Floats:
     """Return the fraction of the light leaving the mirrors that hits the receiver; NaN if there is no light.
 
-    The replicates on the first axis are linearised about the ratio of the means.
+    The first axis contains the replicates. The ratio of each replicate is linearised about the ratio of the means.
     """
     sent = optical.mean(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -816,8 +819,9 @@ def intercept(optical: Floats, light: Floats) -> Floats:
 def peak(flux: NDArray[Any]) -> tuple[float, float]:
     """Return the peak of a flux map, shape (`REPLICATES`, rows, columns), and the standard error of the peak.
 
-    The maximum of noisy cells is biased upwards. If a cell has the maximum of seven replicates, its value in the eighth
-    replicate is biased downwards. The result is the mean of both values, and the error includes half their difference.
+    The maximum of noisy cells is biased upwards. The cell that is brightest in seven replicates gives a downward-biased
+    estimate in the eighth replicate. The result is the mean of the two estimates, and the error includes half their
+    difference.
     """
     cells = flux.reshape(REPLICATES, -1)
     highest = cells.sum(axis=0).argmax()
@@ -838,11 +842,11 @@ def rays_for(
 ) -> int:
     """Return the number of rays per heliostat and instant needed to reach a precision, at most `MOST`.
 
-    Standard errors follow from a pilot run of at most `_PILOT` heliostat-instant pairs, each with 64 rays. Relative
-    standard errors must be at most 0.75 times `precision` for the light from the whole field, and 6 times `precision`
-    for the light from a heliostat (root mean square). For cells with at least half the peak flux, the standard error
-    must be at most 40 times `precision`, relative to the peak flux. The maximum error is then about 20 times
-    `precision` for 300 heliostats, and about 150 times `precision` for 700 cells.
+    Standard errors are estimated in a pilot run of at most `_PILOT` heliostat-instant pairs, each with 64 rays.
+    Relative standard errors must be at most 0.75 times `precision` for the light from the whole field, and 6 times
+    `precision` for the light from a heliostat (root mean square). For cells with at least half the peak flux, the
+    standard error must be at most 40 times `precision`, relative to the peak flux. The maximum error is then about 20
+    times `precision` for 300 heliostats, and about 150 times `precision` for 700 cells.
     """
     lit = np.asarray(sun)[:, 2] > 0.0
     # The stride is odd, because an even stride would use only half of the points.
@@ -862,7 +866,7 @@ def rays_for(
 
 
 def filled(slope: Floats) -> Floats:
-    """Return slope maps with missing values (NaN) replaced by their nearest neighbours."""
+    """Replace missing values (NaN) in slope maps by the nearest valid values."""
     holes = np.asarray(np.isnan(slope).any(axis=-1))
     if not holes.any():
         return slope
@@ -873,13 +877,13 @@ def filled(slope: Floats) -> Floats:
 
 
 def _parameters(scene: Scene, seed: int) -> Floats:
-    """Return mirror parameters, shape (N, 25). The first four are the values of `packets.Mirrors.spheres`."""
+    """Return mirror parameters, shape (N, 25). The first four columns are those of `packets.Mirrors.spheres`."""
     count, half = len(scene.centre), 0.5 * scene.sides
     radius = np.hypot(*half.T)
     curve = np.broadcast_to(scene.curve.reshape(count, -1), (count, 2))
     errors = np.stack([np.broadcast_to(error, count) for error in scene.errors], axis=1)
-    # For each mirror, the sun, specularity and slopes are rotated and the points are shifted.
-    # No two mirrors therefore use the same rays.
+    # Each mirror rotates the samples of the sun, specularity and slopes and shifts the points.
+    # Therefore, no two mirrors use the same rays.
     # Steps of the additive recurrence: powers of 1 / 1.2207.
     steps = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703, 0.4503003465537895, 0.3688742614037486)
     shift = (np.arange(1, count + 1)[:, np.newaxis] * steps + 0.5698402909980532 * seed) % 1.0
@@ -891,7 +895,7 @@ def _parameters(scene: Scene, seed: int) -> Floats:
 
 
 def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floats]:
-    """Return the maximum angles between rays and the sun's centre, and between reflected rays and their axis. [rad]"""
+    """Return the maximum angles of rays from the sun's centre, and of reflected rays from the beam axis. [rad]"""
     sun, slope, rest = farthest
     radius = 1.001 * math.tan(math.asin(sun)) + 1e-6
     lean = slope * field[:, 12:14].max(axis=1) + np.hypot(*scene.turn.T)

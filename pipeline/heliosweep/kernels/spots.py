@@ -37,9 +37,9 @@ edges and roots.
 
 If the mirror centre moves, or if a is the primary axis, g is a trigonometric polynomial of degree 2 or 3, whose
 coefficients are products of the coefficients of R and p. The search for a root starts at zero error and proceeds in
-steps along the error. The step h is the minimum possible distance of a root, from g + g' h - M h^2 / 2 = 0. The bound M
-of |g''| is the sum of the amplitudes times the squares of their degrees. The search cannot miss a root. Close to a
-root, the search converges as fast as Newton's method.
+steps along the error. The step h is a lower bound on the distance to the next root, given by g + g' h - M h^2 / 2 = 0.
+The bound M on |g''| is the sum of the amplitudes, each multiplied by the square of its degree. The search therefore
+cannot miss a root. Close to a root, the search converges as fast as Newton's method.
 
 **Conic**: for an axis a in the mirror, the reflected rays satisfy a.R = -a.S = k. The rays form a cone whose apex p is
 the mirror centre. On the receiver plane, the points x = y Y + z Z of the trace, relative to the aim point, satisfy
@@ -57,7 +57,7 @@ sign(k) a with s = X.p / (sqrt(1 - k^2) - sign(k) a_x).
 a whole deviation curve. Detectors along lines l0 y + l1 z = l2 measure where the deviation curve crosses the lines
 (Optics Express 27 (8), A257 (2019), Sect. 4.3).
 
-**Mounts**: mounts aim with the known errors, and the actual errors rotate and move the mirror.
+**Mounts**: a mount corrects the known errors when it aims. The actual errors rotate the mirror and move its centre.
 
 This module also computes statistics of spots over samples of the errors, without storing the spots. The statistics are
 the mean, the variances and the covariance of the spots on the receiver plane. Further statistics are percentiles of the
@@ -108,7 +108,7 @@ Series = tuple[float, float, float, float, float, float, float]
 _EDGES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))
 #: Maximum number of steps in a search along the error. All searches in the tests need fewer steps.
 _STEPS = 10_000
-#: Maximum length of the last step. The remaining error is of second order and below rounding errors. [rad]
+#: Maximum length of the last step. The remaining error is of second order and smaller than rounding errors. [rad]
 _LAST_STEP = 1e-9
 #: Minimum sine of the angle between a ray and the plane. Below this value, rounding errors determine the spot. [1]
 _PARALLEL = 1e-12
@@ -140,8 +140,8 @@ class Curves(NamedTuple):
     spots: Floats
     #: Minimum |error| at which the spot leaves the aperture, shape (C, H, T). [rad]
     #: The tolerance is 0 if the errors of the mount already move the spot out of the aperture.
-    #: The tolerance is infinite if the mirror turns away from the sun before the spot crosses an edge.
-    #: The tolerance is also infinite if the spot never crosses an edge.
+    #: The tolerance is infinite if the spot never crosses an edge.
+    #: The tolerance is also infinite if the mirror turns away from the sun before the spot crosses an edge.
     tolerance: Floats
     #: Conic of the curve, shape (9, C, H, T): coefficients, eccentricity [1], and focus y and z [m].
     #: The coefficients are A [1], B [1], C [1], D [m], E [m] and F [m^2].
@@ -338,10 +338,10 @@ def canting_cotangent(
 def crossing_cotangent(
     sun: Vector, normal: Vector, axis: Vector, centre: Vector, face: Matrix, line: Vector
 ) -> tuple[float, float]:
-    """Return the minimum error about an axis in the mirror at which the spot is on a line, for a fixed mirror centre.
+    """Return the cotangent and sign of the minimum error at which the spot is on a line, for a fixed mirror centre.
 
-    The parameters are as in `canting_cotangent`. Returns the cotangent of the minimum |error| at which the spot is real
-    and on the line, or -infinity if there is no such error, and the sign of this error.
+    The parameters are as in `canting_cotangent`. The cotangent is the cotangent of the minimum |error| at which the
+    spot is real and on the line, or -infinity if there is no such error.
     """
     lit = dot(sun, normal)
     lit_side = dot(sun, cross(axis, normal))
@@ -606,16 +606,20 @@ def spot_statistics(
     Returns
     -------
     dict of ndarray, shape (P, H, T)
-        ``mean_y``, ``mean_z`` [m], ``variance_y``, ``variance_z``, ``covariance`` [m^2] of the spots that reach the
-        plane, with n - 1 in the denominator. The means are NaN if no spot reaches the plane, and the variances and the
-        covariance are NaN if fewer than two spots reach the plane. ``real_fraction``, ``hit_fraction``: fraction of the
-        samples whose spot reaches the plane, and fraction of the samples whose spot lies in the aperture (edges
-        included). The fractions are NaN if the sun is at or below the horizon. [1] ``status``: aiming status,
-        `mounts.REACHES`, `NO_SUN`, `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the pivot is on the receiver plane or
-        behind it. ``tolerance``, shape (P, H, T, Q, 2): percentiles, over all samples, of the remaining tolerance about
-        the elevation axis, unit(n x z), and about the azimuth axis of the mirror, interpolated as in
-        `numpy.percentile`. The tolerance is 0 if the spot is not in the aperture, infinite if the spot does not leave
-        it, and NaN if the sun is at or below the horizon. [rad]
+        The dictionary contains these arrays:
+
+        - ``mean_y``, ``mean_z``: mean coordinates of the spots that reach the plane; NaN without such spots. [m]
+        - ``variance_y``, ``variance_z``, ``covariance``: variances and covariance of these coordinates, with n - 1 in
+          the denominator; NaN if fewer than two spots reach the plane. [m^2]
+        - ``real_fraction``: fraction of the samples whose spot reaches the plane. [1]
+        - ``hit_fraction``: fraction of the samples whose spot lies in the aperture, including its edges. [1]
+        - ``status``: aiming status, `mounts.REACHES`, `NO_SUN`, `BLIND_CONE` or `TOO_NEAR`; `BEHIND_FACE` if the pivot
+          is on the receiver plane or behind it.
+        - ``tolerance``, shape (P, H, T, Q, 2): percentiles of the remaining tolerance about the elevation axis,
+          unit(n x z), and about the azimuth axis of the mirror, interpolated as in `numpy.percentile`. The tolerance of
+          a sample is 0 if its spot is not in the aperture, and infinite if its spot never leaves the aperture. [rad]
+
+        Fractions and tolerances are NaN if the sun is at or below the horizon.
     """
     count = len(setting.kind), np.shape(pivots)[1]
     samples, corrected, places = (
@@ -624,7 +628,7 @@ def spot_statistics(
     suns = np.broadcast_to(sun, (count[0], *np.shape(sun)[1:]))
     wanted, shape = np.array(percentiles, np.float64), (*count, suns.shape[1])
     moments, tolerance = np.full((len(MOMENTS), *shape), np.nan), np.full((*shape, len(wanted), 2), np.nan)
-    step = max(1, 100_000 // samples.shape[2])  # number of instants at a time, to limit memory use
+    step = max(1, 100_000 // samples.shape[2])  # number of instants per batch, to limit memory use
     for p, h in np.ndindex(*shape[:2]):
         ours, theirs, here = (each[p : p + 1, h : h + 1] for each in (samples, corrected, places))
         one = Setting._make(values[p : p + 1] for values in setting)

@@ -23,18 +23,18 @@ from heliosweep.kernels.compiled import Floats, inline, kernel
 def declination_cooper(day: ArrayLike) -> NDArray[np.float64]:
     """Return the declination of the sun by Cooper's formula, positive north of the equator. [rad]
 
-    `day` is the day of the year, 1 on 1 January. P. I. Cooper, "The absorption of radiation in solar stills", Solar
-    Energy 12 (1969) 333-346, doi 10.1016/0038-092X(69)90047-4
+    `day` is the day of the year, 1 on 1 January. The formula is from P. I. Cooper, "The absorption of radiation in
+    solar stills", Solar Energy 12 (1969) 333-346, doi 10.1016/0038-092X(69)90047-4
     """
     angle = 2.0 * np.pi * (284.0 + np.asarray(day, dtype=np.float64)) / 365.0
     return np.radians(23.45) * np.sin(angle)
 
 
 def solar_clock(latitude: ArrayLike, declination: ArrayLike, hour: ArrayLike) -> NDArray[np.float64]:
-    """Return unit vectors to the sun (east, north, up) at solar hours, shape (..., 3); z < 0 if the sun is down. [1]
+    """Return unit vectors to the sun (east, north, up) for solar times, shape (..., 3); z < 0 if the sun is down. [1]
 
     `latitude` and `declination` are positive north [rad]. `hour` is 12 when the sun crosses the meridian, and one hour
-    is 15 degrees of hour angle [h]. The arguments broadcast.
+    is 15 degrees of hour angle [h]. The arguments are broadcast against each other.
     """
     lat, dec, time = np.broadcast_arrays(*(np.asarray(a, np.float64) for a in (latitude, declination, hour)))
     angle = np.radians(15.0) * (time - 12.0)
@@ -55,7 +55,8 @@ def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np
     `sun` contains geometric unit vectors, east, north, up. `pressure` [Pa] and `temperature` [deg C] describe the air
     at the site. Saemundsson's formula is applied as in the SPA: Reda, I. and Andreas, A. (2004). Solar position
     algorithm for solar radiation applications. Solar Energy 76, 577-589, section 3.14.2.
-    doi:10.1016/j.solener.2003.12.003. Vectors below -0.8333 deg are not changed, because the whole disc has set.
+    doi:10.1016/j.solener.2003.12.003. Vectors with an elevation below -0.8333 deg are unchanged, because the whole disc
+    has set.
     """
     vectors = np.asarray(sun, np.float64)
     level = np.hypot(vectors[..., 0], vectors[..., 1])

@@ -1,4 +1,4 @@
-"""Radial brightness of the sun and its aureole, represented by rings that each have a share of the light.
+"""Radial brightness of the sun and its aureole, represented by rings with a share of the light each.
 
 A sun shape is the brightness B(r) as a function of the angle r from the sun's centre. A sun shape is stored as rings at
 Gauss-Legendre nodes. A ring of radius r contains the fraction 2 pi r B(r) dr of the light. The Buie sun shape [1]_ is
@@ -27,7 +27,7 @@ DISC = 4.65e-3
 GAUSSIAN = 2.73e-3
 #: Limb darkening: relative reduction of the brightness at the limb. [1]
 LIMB = 0.56
-#: Minimum and maximum circumsolar ratio for the Buie formula.
+#: Minimum and maximum circumsolar ratio of the Buie sun shape.
 CSR = (0.001, 0.8)
 
 _NODES = 96

@@ -19,7 +19,7 @@ both roots are equal. The cylinder's normal at the crossing is along S + v / |v|
 
 The axes e and b belong to the mirror on its mount (`mounts.stand`), and rotate with every error.
 
-All functions use NumPy. Arguments broadcast, and the last axis contains the three components of a vector.
+All functions use NumPy and broadcast their arguments. The last axis contains the three components of a vector.
 """
 
 from __future__ import annotations
