@@ -298,7 +298,7 @@ class HeliosweepAccessor:
         try:
             yield family
         except KeyError as error:
-            message = f"the {what} of {family.name} need the whole result ({error.args[0]})"
+            message = f"the {what} of {family.name} require the whole result ({error.args[0]})"
             raise StudyError(Problem(message)) from error
 
 

@@ -40,7 +40,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "flux_price": (("flux_row", "flux_column"), "m2", "power gained per unit increase of the flux limit in a cell"),
     "aimed_power": ((), "MW", "power on the receiver with the chosen aim points"),
     "unlimited_power": ((), "MW", "power on the receiver with the best aim points without a flux limit"),
-    "power_bound": ((), "MW", "upper bound of the power over all choices of aim points within the limit"),
+    "power_bound": ((), "MW", "upper bound on the power over all choices of aim points within the limit"),
     "aimed_peak_flux": ((), "kW m-2", "maximum flux in a cell"),
     "unlimited_peak_flux": ((), "kW m-2", "maximum flux in a cell without a flux limit"),
     "limit_loss": ((), "1", "fraction of the unlimited power lost due to the flux limit"),
@@ -102,7 +102,7 @@ def choose_aims(
         D(lambda) = sum_i max(0, max_a (P_ia - sum_c lambda_c F_iac)) + sum_c lambda_c L_c
 
     is an upper bound on the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer
-    programming", Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises D in rounds of decreasing
+    programming", Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises D in rounds with decreasing
     smoothing. At the end of each round, each heliostat in turn is assigned the aim point with the maximum power after
     subtraction of a penalty for overloaded cells. The penalty increases until no cell exceeds its limit. Heliostats
     then move to better aim points within the limits. For small problems, HiGHS finds the best choice by branch and
@@ -128,7 +128,7 @@ def choose_aims(
         raise ValueError(f"`limit` must be above 0 in each cell (got {np.min(limit):g})")
     if (problem := overload(flux, limit, power.shape[1])) is not None:
         raise ValueError(
-            "`limit`: heliostat {} alone causes a flux of {:g} in cell {}; increase the limit".format(*problem)
+            "`limit`: heliostat {} alone exceeds the limit: flux {:g} in cell {}; increase the limit".format(*problem)
         )
     count, images, mean = power.shape[1], _images(flux), max(float(power.max(axis=0).mean()), 1e-300)
     # The heliostats are summed in up to 8 groups of at least 32.
@@ -354,7 +354,7 @@ def limited_aims(
     flux = aim_images(scene, sun, points, cells=cells, share=share, rays=rays, seed=seed, threads=threads)
     power, most = image_powers(flux, scene.receiver, cells, len(points)), limit.ravel()
     if (problem := overload(flux, most, count)) is not None:
-        words = "heliostat {} alone has {:.4g} kW/m2 in row {}, column {}, above the limit with each of its aim points"
+        words = "heliostat {} alone exceeds the limit with each of its aim points: {:.4g} kW/m2 in row {}, column {}"
         raise ValueError(words.format(*problem[:2], *divmod(problem[2], cells[1])))
     whole, free = float(power.max(axis=0).sum()), _load(flux, power.argmax(axis=0))  # power and flux without a limit
     found = choose_aims(power, flux, most, gap=gap, threads=threads)
@@ -469,7 +469,7 @@ def flux_limited_aims(
         words = f"aim {aim} of heliostat {row} is off the receiver or on the side away from the heliostat"
         raise ValueError(f"`aims`: {words}; move it, or reduce `azimuth_span`")
     if (size := image_bytes(scene.receiver.kind, count, len(points), flux_map, rays)) > memory:
-        words = f"images of {count:,} heliostats with {len(points)} aims need up to {size / 1e9:.2g} GB"
+        words = f"images of {count:,} heliostats with {len(points)} aim points require up to {size / 1e9:.2g} GB"
         raise ValueError(
             f"`memory`: {words}; reduce the number of aim points or of cells in `flux_map`, or increase `memory`"
         )
@@ -488,7 +488,7 @@ def flux_limited_aims(
     try:
         found = limited_aims(scene, sun, points, most, share, rays=rays, seed=seed, gap=gap, threads=threads)
     except ValueError as error:
-        raise ValueError(f"`limit`: {error}; increase it") from None
+        raise ValueError(f"`limit`: {error}; increase the limit") from None
     return xr.Dataset(
         {name: (dims, found[name], {"units": units, "long_name": words})
          for name, (dims, units, words) in VARIABLES.items()},

@@ -478,7 +478,7 @@ def _report(folder: Path, study: Study | None = None, **options: Any) -> Path:
         raise
     except Exception as error:  # the message states that the result is complete
         log.debug("the report failed", exc_info=True)
-        advice = "please report this error with the output of --verbose; --no-report omits the page"
+        advice = "please report this error and include the output of --verbose; --no-report omits the page"
         if isinstance(error, (OSError, ImportError, MemoryError)):
             advice = f"fix this, then run: {shlex.join(['heliosweep', 'report', str(folder)])}"
         raise HeliosweepError(

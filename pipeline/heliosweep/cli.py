@@ -145,7 +145,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", "outputs/*/"),
     ),
     "compare": Command(
-        "compare two results by content, or write a page comparing several",
+        "compare two results by content, or write a page that compares several results",
         (
             _argument("first", metavar="A", help="result folder, NetCDF file, or a study that has been run"),
             _argument("others", metavar="B", nargs="+", help="result to compare with A; more than one requires --page"),
@@ -283,11 +283,11 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml", "outputs/first --format png,svg,pdf", "outputs/first --summary"),
     ),
     "pack": Command(
-        "pack a finished result into an archive for publication, and print its path",
+        "pack a finished result into an archive for publication, and print the path of the archive",
         (
             _argument("folder", metavar="DIR|STUDY.yaml", help=_RESULT),
             _argument("-o", "--output", metavar="FILE.zip", help="write this archive (default: DIR.zip)"),
-            _argument("--license", metavar="SPDX", help="license of the data (default: dataset.license of the study)"),
+            _argument("--license", metavar="SPDX", help="license of the data (default: dataset.license in the study)"),
             _argument("--draft", action="store_true", help="allow missing creators and license"),
             _removed("--ro-crate"),
             _force("replace an existing archive"),

@@ -171,7 +171,7 @@ def _compare(options: argparse.Namespace) -> Any:
 def _export(options: argparse.Namespace) -> Path:
     source, target = _folder(options.source), options.output
     if target is None:
-        raise StudyError(Problem(f"name a file, {' or '.join(_TABLES)}", "--output"))
+        raise StudyError(Problem(f"specify a file, {' or '.join(_TABLES)}", "--output"))
     target_file(target, options.force, endings=_TABLES, sources=_read_for(options.source))
     check_digest(locate(source))
     with heliosweep.open_result(source) as result:

@@ -221,7 +221,9 @@ def dish_intercept(
 
     sizes = np.array([focal_length, diameter, aperture_radius, spread])
     if not (sizes > 0.0).all() or not np.isfinite(sizes).all() or diameter >= 4.0 * focal_length:
-        raise ValueError("lengths and `spread` must be above 0, and `diameter` below four times the focal length")
+        raise ValueError(
+            "lengths and `spread` must be above 0, and `diameter` must be below four times the focal length"
+        )
     # Mirror points are evenly spaced in area. Deviations are evenly spaced in the angle from the meridian.
     radius = 0.5 * diameter * np.sqrt(_middles(1000))[:, np.newaxis]
     angle = 0.5 * np.pi * _middles(200)
@@ -280,7 +282,7 @@ def window_factors(
     if model not in MODELS:
         raise ValueError(f"unknown `model` {model!r}: use one of {', '.join(MODELS)}")
     if not (np.all((tilt >= 0.0) & (tilt <= 90.0)) and np.all(tolerance > 0.0)):
-        raise ValueError("`axis_tilt` must be between 0 and 90 deg, and `tolerance` positive")
+        raise ValueError("`axis_tilt` must be between 0 and 90 deg, and `tolerance` must be positive")
     limit = tolerance * 1e-3
     further = dict(zip(("home_azimuth", "home_elevation", *ERRORS[2:]), map(np.radians, errors), strict=True))
     mean, largest, clipped = kernel.window_errors(

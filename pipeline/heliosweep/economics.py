@@ -41,7 +41,7 @@ def capital_cost(
     mirror_area : float, array or DataArray
         Total area of all mirrors. [m2]
     tower_height : float, array or DataArray
-        Height of the centre of the receiver. [m]
+        Height of the receiver centre above the ground. [m]
     receiver_area : float, array or DataArray
         Area of the absorbing surface. [m2]
     receiver_height, heliostat_height : float, array or DataArray

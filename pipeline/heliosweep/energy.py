@@ -103,8 +103,8 @@ def energy_losses(incident: ArrayLike, left: Sequence[ArrayLike]) -> Floats:
     Returns
     -------
     ndarray, shape (stages, ...)
-        Losses in the unit of the energies. The sum of the losses is the incident energy minus the energy after the last
-        stage.
+        Loss at each stage, in the unit of the energies. The sum of the losses is the incident energy minus the energy
+        after the last stage.
 
     Examples
     --------
@@ -237,7 +237,7 @@ def availability(
     """
     times, first, last = (np.array(each, "datetime64[s]", ndmin=1) for each in (start, begin, end))
     if first.shape != last.shape or (last <= first).any():
-        raise ValueError("`end` must have the shape of `begin` and be later")
+        raise ValueError("`end` must have the same shape as `begin`, and each outage must end after its start")
     turn = np.timedelta64(0, "s")
     if yearly:
         whole, turn = last - first >= np.timedelta64(365, "D"), np.timedelta64(366, "D")
@@ -351,7 +351,9 @@ def annual_energy(
     """
     irradiance = np.asarray(dni, np.float64)
     if irradiance.ndim != 1 or not (np.isfinite(irradiance) & (irradiance >= 0.0)).all():
-        raise ValueError("`dni` must have the shape (T,) and finite values of at least 0; set missing hours to 0")
+        raise ValueError(
+            "`dni` must have the shape (T,) and contain finite values of at least 0; set missing hours to 0"
+        )
     energy = (irradiance * np.asarray(hours, np.float64) * MEGA)[:, np.newaxis]
     mirrors = np.atleast_1d(np.asarray(area, np.float64))
     rest, left = np.where(np.asarray(works)[..., np.newaxis], energy, 0.0), []
@@ -365,7 +367,7 @@ def annual_energy(
                 from None  # fmt: skip
     incident = np.broadcast_to(mirrors * energy.sum(), left[-1].shape)
     found = {
-        "incident_energy": ("heliostat", incident, "irradiation of the mirror area"),
+        "incident_energy": ("heliostat", incident, "direct normal irradiation times the mirror area"),
         "receiver_energy": ("heliostat", left[-1], "energy on the receiver"),
         "loss": (("stage", "heliostat"), energy_losses(incident, left), "energy lost at each stage"),
         "field_energy": ((), left[-1].sum(), "energy from all heliostats on the receiver"),

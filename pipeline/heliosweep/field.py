@@ -42,7 +42,7 @@ def field_efficiency(
     Parameters
     ----------
     layout : array, DataFrame, Dataset or mapping
-        Mirror centres, as an array of shape (N, 3) or as columns x, y and z. [m]
+        Mirror centres, as an array of shape (N, 3) or a table with columns x, y and z. [m]
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Azimuth and elevation of the sun. [deg]
     width, height : float or array, shape (N,)

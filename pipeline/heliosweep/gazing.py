@@ -229,8 +229,8 @@ def grid_slopes(points: ArrayLike, normals: ArrayLike, *, step: float = 0.05) ->
     """
     place, normal = np.asarray(points, np.float64), np.asarray(normals, np.float64)
     if place.ndim != 2 or normal.shape != (len(place), 3) or not len(place) or not (normal[:, 2] > 0.0).all():
-        raise ValueError(f"`points` and `normals` must have shapes (n, 2) and (n, 3), with normals that point to the "
-                         f"target (got {place.shape} and {normal.shape})")  # fmt: skip
+        raise ValueError(f"`points` and `normals` must have the shapes (n, 2) and (n, 3), and normals must point to "
+                         f"the target (got {place.shape} and {normal.shape})")  # fmt: skip
     half = np.ceil(np.abs(place[:, :2]).max(axis=0) / step - 1e-9) if step > 0.0 else np.full(2, np.inf)
     if not 4.0 * np.prod(half) <= MAX_CELLS:
         raise ValueError(f"`step` must be above 0 m and give at most {MAX_CELLS:,} cells (got {step:g})")

@@ -87,7 +87,7 @@ def field_scene(
     Parameters
     ----------
     layout : array, DataFrame, Dataset or mapping
-        Mirror centres, as an array of shape (N, 3) or as columns x, y and z. [m]
+        Mirror centres, as an array of shape (N, 3) or a table with columns x, y and z. [m]
     receiver : Cylinder or Rectangle
         Receiver of the field.
     width, height : float or array, shape (N,)
@@ -151,7 +151,7 @@ def field_scene(
             array = array[:, np.newaxis]
         found = per_item(name, array, shape, count)
         wrong = ~(np.isfinite(found) & (found >= least)).reshape(count, -1).all(axis=1)
-        _refuse(name, wrong, f"is not at least {least:g}" if np.isfinite(least) else "is not finite")
+        _refuse(name, wrong, f"is below {least:g} or not finite" if np.isfinite(least) else "is not finite")
         return found
 
     if tracking not in TRACKING:
@@ -167,7 +167,11 @@ def field_scene(
         beside = [level - made.half_width]
     beside.append(np.abs(off @ made.upward) - made.half_height)
     within = np.linalg.norm(np.maximum(beside, 0.0), axis=0) < reach
-    _refuse("layout", within, "is within the receiver, or closer than half its diagonal; move or remove it")
+    _refuse(
+        "layout",
+        within,
+        "is within the receiver, or closer to it than half the mirror diagonal; move or remove the heliostat",
+    )
     if aim is not None:
         target = each("aim", aim, (3,), -np.inf)
         before = (
@@ -177,7 +181,7 @@ def field_scene(
             "aim", before < -1e-6, "aims behind the receiver; choose an aim point on the side that faces the heliostat"
         )
     slant = np.linalg.norm(target - centre, axis=1)
-    _refuse("layout", slant < reach, "is closer to its aim point than half its diagonal")
+    _refuse("layout", slant < reach, "is closer to its aim point than half the mirror diagonal")
     if tower is not None:
         bottom = receiver.height - made.half_height * made.upward[2]
         check_tower(tower, centre)
@@ -190,11 +194,15 @@ def field_scene(
         x, y, lean = (np.asarray(part, np.float64) for part in slope_map)
         lean = lean if lean.ndim == 4 else lean[np.newaxis]
         if lean.shape[1:] != (len(y), len(x), 2) or len(lean) not in (1, count):
-            raise ValueError(f"`slope_map` must have slopes of the shape {(len(y), len(x), 2)} (got {lean.shape[1:]})")
+            raise ValueError(
+                f"`slope_map` must contain slopes of the shape {(len(y), len(x), 2)} (got {lean.shape[1:]})"
+            )
         if not all(len(at) > 1 and at[1] > at[0] and np.allclose(np.diff(at), at[1] - at[0]) for at in (x, y)):
-            raise ValueError("`slope_map` must have at least 2 positions along x and y, ascending in even steps")
+            raise ValueError(
+                "`slope_map` must have at least 2 positions along x and y, in ascending order and evenly spaced"
+            )
         if not np.isfinite(lean).any(axis=(1, 2)).all():
-            raise ValueError("`slope_map` must have slopes that are not NaN")
+            raise ValueError("each map in `slope_map` must contain at least one finite slope")
         slopes = kernel.SlopeMap(x, y, 1e-3 * lean, np.arange(count) % len(lean), False)
     curve, cant = _curve("focus", focus, "flat", "slant", slant), _curve("canting", canting, "none", "on_axis", slant)
     turn = 1e-3 * each("pointing_error", pointing_error, (2,), -np.inf)
@@ -221,7 +229,7 @@ def trace_field(
     layout : array, DataFrame, Dataset, mapping or Scene
         Mirror centres as in `field_scene`, or a scene from `field_scene`.
     receiver : Cylinder or Rectangle
-        Receiver of the field; None if `layout` is a scene.
+        Receiver; None if `layout` is a scene.
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Azimuth and elevation of the sun. [deg]
     rays : int, optional
@@ -287,7 +295,7 @@ def trace_field(
     each = _rays_for(scene, [sun[one] for one in some], None, rays, precision, cells, area, seed, instants)
     given: dict[str, Any] = {"rays": each, "seed": seed, "cells": cells, "threads": threads, "share": area}
     given["cuda"] = _on_device(device)
-    length = 1 if cells is not None else max(1, 20_000 // len(area))  # number of instants whose sums are in memory
+    length = 1 if cells is not None else max(1, 20_000 // len(area))  # number of instants traced at once
     variables, shape, efficiency, maps = dict[str, Any](), (*dims, "heliostat"), [], []
     for first in range(0, instants, length):
         last = min(first + length, instants)
@@ -527,7 +535,7 @@ def _cells(flux_map: tuple[int, int] | None) -> tuple[int, int] | None:
 def _facets(facets: tuple[int, int, float], sides: Floats) -> None:
     columns, rows, gap = facets
     if not (columns >= 1 and rows >= 1 and columns % 1 == rows % 1 == 0 and 0.0 <= gap < np.inf):
-        raise ValueError(f"`facets` must be at least 1 column, 1 row and a gap of at least 0 m (got {facets})")
+        raise ValueError(f"`facets` must have at least 1 column, 1 row and a gap of at least 0 m (got {facets})")
     covered = (sides <= gap * (np.array((columns, rows)) - 1)).any(axis=1)
     _refuse("facets", covered, "is not larger than its gaps; reduce the gap")
 
@@ -597,14 +605,16 @@ def _sun_shape(given: str | tuple[Any, ...]) -> sunshapes.SunShape:
             raise ValueError("`sun_shape` must have at least 2 angles that increase from 0 mrad")
         if not angle[-1] <= WIDEST:
             raise ValueError(
-                f"`sun_shape` must end at {WIDEST:g} mrad from the sun's centre at most (got {angle[-1]:g})"
+                f"`sun_shape` must end at most {WIDEST:g} mrad from the centre of the sun (got {angle[-1]:g})"
             )
         if (
             brightness.shape != angle.shape
             or not (np.isfinite(brightness) & (brightness >= 0.0)).all()
             or not brightness[0]
         ):
-            raise ValueError("`sun_shape` must have a brightness of at least 0 for each angle, above 0 at the centre")
+            raise ValueError(
+                "`sun_shape` must have one brightness for each angle, at least 0 and above 0 at the centre"
+            )
         return sunshapes.table(1e-3 * angle, brightness)
     return getattr(sunshapes, name)(*numbers)
 

@@ -69,7 +69,7 @@ def mount_angles(
     sun_azimuth, sun_elevation : float, array or DataArray, shape (T,)
         Azimuth and elevation of the sun. [deg]
     pivot : array, DataFrame, Dataset or mapping
-        Pivots of the mounts, as an array of shape (3,) or (N, 3) or as columns x, y and z. [m]
+        Pivots of the mounts, as an array of shape (3,) or (N, 3) or a table with columns x, y and z. [m]
     aim : float or array, shape (3,) or (N, 3)
         Aim points, or the height of an aim point at x = y = 0. [m]
     kind : {'azimuth_elevation', 'target_aligned', 'polar', 'tilt_roll'}

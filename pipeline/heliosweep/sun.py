@@ -151,7 +151,9 @@ def horizon_elevation(azimuth: Any, horizon: ArrayLike) -> Any:
     """
     table = np.asarray(horizon, np.float64)
     if table.ndim != 2 or table.shape[1] != 2 or not len(table) or not np.isfinite(table).all():
-        raise ValueError(f"`horizon` must have the shape (points, 2) and finite numbers (got the shape {table.shape})")
+        raise ValueError(
+            f"`horizon` must have the shape (points, 2) and contain finite numbers (got the shape {table.shape})"
+        )
     found = np.interp(np.asarray(azimuth, np.float64), table[:, 0], table[:, 1], period=360.0)
     if hasattr(azimuth, "coords"):
         return azimuth.copy(data=found)
