@@ -103,10 +103,9 @@ def choose_aims(
 
     is an upper bound on the optimum (Lagrangian relaxation; A. M. Geoffrion, "Lagrangean relaxation for integer
     programming", Mathematical Programming Study 2 (1974) 82-114). L-BFGS-B minimises D in rounds with decreasing
-    smoothing. At the end of each round, each heliostat in turn is assigned the aim point with the maximum power after
-    subtraction of a penalty for overloaded cells. The penalty increases until no cell exceeds its limit. Heliostats
-    then move to better aim points within the limits. For small problems, HiGHS finds the best choice by branch and
-    bound.
+    smoothing. At the end of each round, each heliostat in turn is assigned the aim point that maximises its power minus
+    a penalty for overloaded cells. The penalty increases until no cell exceeds its limit. Heliostats then move to
+    better aim points within the limits. For small problems, HiGHS finds the best choice by branch and bound.
 
     Examples
     --------
@@ -181,7 +180,7 @@ def _total(power: Floats, choice: Integers) -> float:
 def _rounded(
     power: Floats, net: Floats, images: tuple[Any, ...], limit: Floats, share: Floats, load: Floats, penalty: float
 ) -> Integers:
-    """Return a choice of aim points within the limits, from their shares, flux and net powers."""
+    """Choose aim points within the limits from their shares, flux and net powers."""
     choice = np.full(power.shape[1], -1)
     order = np.argsort(-share.max(axis=0), kind="stable")
     kernel.choose(order, net, images, limit, penalty, share, load, choice)
@@ -194,7 +193,7 @@ def _rounded(
 
 
 def _exact(power: Floats, flux: csr_matrix, limit: Floats) -> tuple[Integers, float]:
-    """Return the best choice and the upper bound found by HiGHS within 100 nodes of branch and bound."""
+    """Return the best choice and the upper bound that HiGHS finds in at most 100 branch-and-bound nodes."""
     from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import diags, identity, kron, vstack
 
@@ -410,7 +409,7 @@ def flux_limited_aims(
     limit : float or array, shape (rows of cells,) or (rows of cells, columns of cells)
         Maximum flux in each cell, with rows of cells from the bottom up. [kW m-2]
     rows, columns : int
-        Numbers of rows and columns of aim points, which divide the receiver evenly.
+        Numbers of rows and columns of aim points at the centres of equal receiver cells.
     azimuth_span : float
         Angle spanned by the columns of aim points on a cylinder, centred on the point nearest to the heliostat. [deg]
     aims : array, shape (A, 3) or (A, N, 3), optional
@@ -420,7 +419,7 @@ def flux_limited_aims(
     dni : float
         Direct normal irradiance. [W m-2]
     reflectivity, transmittance : float or array, shape (N,)
-        Fractions of the light that mirrors reflect and air transmits. [1]
+        Fractions of the light reflected by the mirrors and transmitted by the air. [1]
     rays : int
         Number of rays per image.
     seed : int

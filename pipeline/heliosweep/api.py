@@ -248,7 +248,7 @@ def build(study: Source) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Lazy result with attributes and the accessor ``.heliosweep`` (see `heliosweep.accessor`).
+        Lazy result. The accessor ``.heliosweep`` is described in `heliosweep.accessor`.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from heliosweep.errors import HeliosweepError, RunInterrupted, printable
 
 EXIT_CODES = """\
 exit codes: 0 success, 1 failure (verify: not intact; compare: not equal), 2 invalid study or usage,
-3 study too large for this machine, 4 interrupted, can be resumed"""
+3 study too large for this machine, 4 interrupted (can be resumed)"""
 
 #: Figure formats. HTML reports always contain figures in the first format.
 FIGURES = ("png", "svg", "pdf")

@@ -127,7 +127,7 @@ def error_budget(
     undisturbed, actual : float or array, shape (...)
         Energy without any cause of loss, and energy with all causes. [MWh]
     alone : mapping of str to float or array, shape (...)
-        Energy with each cause alone. [MWh]
+        Energy with only the named cause. [MWh]
     without : mapping of str to float or array, shape (...), optional
         Energy with all causes except the named cause. [MWh]
 
@@ -312,7 +312,7 @@ def annual_energy(
 
         E = area * sum of dni * hours * product of the efficiencies.
 
-    The sum is over the instants at which the field operates.
+    The sum extends over all instants at which the field operates.
 
     Parameters
     ----------

@@ -48,9 +48,10 @@ def gazing_scene(
         coordinate points east. The second coordinate points up. [m]
     radius : float
         Distance of each of the four cameras from the target centre. [m]
-    tilt, face : float
-        Tilt of the target from the vertical, positive if the target faces down, and rotation of the target about the
-        vertical, 0 if the mirror is to the north. [deg]
+    tilt : float
+        Tilt of the target from the vertical, positive if the target faces down. [deg]
+    face : float
+        Rotation of the target about the vertical, 0 if the mirror is to the north. [deg]
 
     Returns
     -------

@@ -76,8 +76,8 @@ def mount_angles(
         Kind of mount. The primary axis is vertical ('azimuth_elevation'), points to the aim point ('target_aligned'),
         points to the celestial north pole ('polar'), or is horizontal ('tilt_roll').
     errors : mapping or array, shape (K,) or (N, K), optional
-        Mount errors for which the encoder angles compensate, by name or as the first K of `ERRORS` (default: no
-        errors). [mrad]
+        Mount errors for which the encoder angles compensate, as a mapping of names to values or as an array of the
+        first K errors in `ERRORS` (default: no errors). [mrad]
     **mount : float
         Other properties of the mount and the receiver:
 
@@ -129,7 +129,8 @@ def mount_spots(
     sun_azimuth, sun_elevation, pivot, aim, kind, **mount
         As in `mount_angles`.
     errors : mapping or array, shape (K,) or (N, K), optional
-        Mount errors, by name or as the first K of `ERRORS` (default: no errors). [mrad]
+        Mount errors, as a mapping of names to values or as an array of the first K errors in `ERRORS` (default: no
+        errors). [mrad]
     corrected : mapping or array, optional
         Mount errors for which the commanded angles compensate (default: no errors). [mrad]
 
@@ -186,7 +187,7 @@ def deviation_curve(
     width, height_extent : float
         Width of the aperture, and its height along the receiver face. The aim point is the centre of the aperture. [m]
     errors : mapping or array, shape (K,) or (N, K), optional
-        Other mount errors, by name or as the first K of `ERRORS` (default: no errors). [mrad]
+        Other mount errors, as in `mount_spots`. [mrad]
 
     Returns
     -------
@@ -459,7 +460,7 @@ def detector_inversion(
     scene = _scene(sun_azimuth, sun_elevation, pivot, aim, kind, **mount)
     if scene.mounts.offsets[:2].any():
         raise ValueError(
-            "the inversion requires mounts without `mirror_offset` and `axis_offset`; use `calibrate_mount`"
+            "the inversion requires mounts without `mirror_offset` and `axis_offset`; use `calibrate_mount` instead"
         )
     crossings = {"elevation_crossing": elevation_crossing, "azimuth_crossing": azimuth_crossing}
     ways = [
