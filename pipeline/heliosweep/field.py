@@ -65,8 +65,8 @@ def field_efficiency(
     Raises
     ------
     ValueError
-        If the shapes do not match, the tracking method is unknown, a width or height is not above 0 m, a mirror is at its
-        aim point or within the tower, or the radius or top height of the tower is not above 0 m.
+        If the shapes do not match, the tracking method is unknown, a width or height is not above 0 m, a mirror is at
+        its aim point or within the tower, or the radius or top height of the tower is not above 0 m.
 
     References
     ----------
