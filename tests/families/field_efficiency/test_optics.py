@@ -1,12 +1,17 @@
 """Blocks of the way of the light: products, what stays as it was, and what is wrong with a study."""
 
 import re
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from heliosweep.energy import transmittance
+from heliosweep.families.family import families
+from heliosweep.kernels import rays
 from tests.families.studies import computed
 
 NOON = {"clock": "sun", "azimuth": 170, "elevation": 50}
@@ -56,6 +61,35 @@ def test_one_product_before_averaging(lit):
         np.testing.assert_allclose(series[f"field_instantaneous_{name}_efficiency"], each, rtol=1e-12)
     assert np.all(result["reflection_efficiency"] == 0.9 * 0.95)
     assert 0.2 < float(result["field_intercept_efficiency"].min()) < 0.999
+
+
+def test_means_and_series_share_their_rays_in_either_order_and_in_threads(lit, monkeypatch):
+    layout = {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 5}}
+    output, optics = {"field_series": True, "tracking_angles": True}, {**OPTICS, "rays": 64}
+    site = {"latitude": [30, 40]}
+    study = lit(layout=layout, site=site, tracking="azimuth_elevation", optics=optics, output=output)
+    family, trace, together, traced = families()[study.family], rays.trace, threading.Barrier(2, timeout=60), []
+
+    def counted(*args: Any, **given: Any) -> Any:
+        traced.append(together.wait())
+        return trace(*args, **given)
+
+    monkeypatch.setattr(rays, "trace", counted)
+    time = {"time": slice(0, family.workload(study).inner["time"])}
+
+    def both_points(inputs: Any, series: bool) -> list[Any]:
+        regions = [{"latitude": slice(row, row + 1)} | (time if series else {}) for row in range(2)]
+        with ThreadPoolExecutor(2) as pool:
+            return list(pool.map(lambda region: family.compute(study, inputs, region), regions))
+
+    means_first, series_first = family.inputs(study), family.inputs(study)
+    means, series = both_points(means_first, False), both_points(means_first, True)
+    assert len(traced) == 2
+    later = both_points(series_first, True), both_points(series_first, False)
+    assert len(traced) == 4
+    for one, other in zip((*series, *means), (*later[0], *later[1]), strict=True):
+        xr.testing.assert_identical(one, other)
+    assert bool(means[0]["primary_angle_travel"].notnull().all())
 
 
 def test_a_former_method_is_read_with_a_note(lit):

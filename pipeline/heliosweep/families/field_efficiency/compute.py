@@ -205,7 +205,7 @@ def _values(point: Point, series: bool, sums: np.ndarray | None = None) -> dict[
     if first >= len(layout):
         return {}
     sun, hours, months = light_of(point)
-    part, made = point.part("time") if _complete(study) else slice(None), dict[str, np.ndarray]()
+    part, made = point.part("time") if series and _complete(study) else slice(None), dict[str, np.ndarray]()
     field_of = partial(_field, point, months=months)
 
     def aimed(layout: Layout) -> Field | TracedField:
@@ -225,7 +225,7 @@ def _values(point: Point, series: bool, sums: np.ndarray | None = None) -> dict[
     if study.budget is not None and hours is not None and not series:
         made |= _budget(point, layout, field, hours, months, float(found["receiver_energy"].sum()))
     if study.output.tracking_angles:
-        found |= _angles(point, field, sun[part], first, stop)
+        found |= _angles(point, field, sun[part], first, stop, series)
     if series == varies(study):
         for name, values in field.aims.items():
             (found if "heliostat" in VARIABLES[name][0] else made)[name] = values[part if series else 0]
@@ -284,9 +284,11 @@ def _series_of(
     return found, of_field | {"field_power": 1e-3 * power}
 
 
-def _angles(point: Point, field: Field | TracedField, sun: np.ndarray, first: int, stop: int) -> dict[str, np.ndarray]:
+def _angles(
+    point: Point, field: Field | TracedField, sun: np.ndarray, first: int, stop: int, series: bool
+) -> dict[str, np.ndarray]:
     """Return the mount angles at each instant or for one sun direction, or the motion of the mounts over the period."""
-    series, directions = "time" in point.points.region, isinstance(point.study.time, SunDirections)
+    directions = isinstance(point.study.time, SunDirections)
     names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
     over = None if series or directions else point.all_instants
     towards = efficiency.aimed(*field.mirrors[:6]).aim[first:stop]

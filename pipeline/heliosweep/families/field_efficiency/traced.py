@@ -13,7 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,9 +61,6 @@ class Inputs:
     Threads share this object. A thread may replace a cached value but must not modify it.
     """
 
-    #: Lock of each point whose means and time series use the same rays.
-    locks: ClassVar[Mapping[Any, threading.Lock]] = defaultdict(threading.Lock)
-
     def __init__(self, study: FieldEfficiencyStudy) -> None:
         def read(key: str, reader: Callable[..., Any]) -> dict[str, Any]:
             return {name: reader(study.resolve(name), name) for name in study.files().get(key, ())}
@@ -77,15 +74,17 @@ class Inputs:
         self.mounts = next(iter(read("optics.mount_errors.calibration", read_calibration).values()), None)
         self.losses = next(iter(read("receiver.thermal_losses.file", read_losses).values()), None)
         self._last: dict[str, tuple[tuple[Any, Any], ...]] = {}
+        #: Lock of each point whose means and time series use the same rays.
+        self.locks: Mapping[Any, threading.Lock] = defaultdict(threading.Lock)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without cached values, which workers recompute."""
-        return {**vars(self), "_last": {}}
+        """Return the state without cached values, which workers recompute, and without the locks of this process."""
+        return {**vars(self), "_last": {}, "locks": defaultdict(threading.Lock)}
 
     def last(self, name: str, key: Any, make: Callable[[], Any], depth: int = 1) -> Any:
         """Return the value cached under a name and key. If no value is cached, compute it with `make` and cache it."""
-        kept = self._last.get(name, ())
-        value = next((pair for pair in kept if pair[0] == key), None) or (key, make())
+        value = next((pair for pair in self._last.get(name, ()) if pair[0] == key), None) or (key, make())
+        kept = self._last.get(name, ())  # another thread may have added its value during `make`
         self._last[name] = (value, *(pair for pair in kept if pair[0] != key))[:depth]
         return value[1]
 
