@@ -387,4 +387,4 @@ def test_below_the_diagonal_is_one_warning():
 def test_coordinates_off_any_field(value):
     problems, _ = messages(at((0, 50), (20, value)))
     assert len(problems) == 1
-    assert problems[0].startswith("field.csv: heliostat 1 is beyond any field: x, y and z must be metres")
+    assert problems[0].startswith("field.csv: heliostat 1 is beyond any field: x, y and z must be in metres")

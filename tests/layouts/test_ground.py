@@ -242,7 +242,7 @@ def test_heights_that_are_wrong(tmp_path):
     for file, message in (
         (grid(tmp_path / "degrees.nc", x, x, gap, units="degrees_east"), r"x in m \(got degrees_east\)"),
         (grid(tmp_path / "single.nc", x[:1], x, gap[:, :1]), "at least two values"),
-        (grid(tmp_path / "twice.nc", np.array([0, 1, 1, 2, 3.0]), x, gap), "x and y that are monotonic"),
+        (grid(tmp_path / "twice.nc", np.array([0, 1, 1, 2, 3.0]), x, gap), "monotonic x and y"),
         (saved(tmp_path / "text.nc", "x,y\n"), "cannot be read as NetCDF"),
         (other, r"one variable over x and y, .*got z\(i\)"),
     ):

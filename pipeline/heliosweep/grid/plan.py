@@ -50,7 +50,7 @@ MIN_EVALUATIONS, MAX_EVALUATIONS = 20_000, 1_000_000
 WANTED_CHUNKS, MAX_CHUNKS = 64, 10_000
 #: Number of copies of a block in memory while it is written: chunks, joined, finished and written values.
 BLOCK_COPIES = 4
-#: Maximum size of the passing variables (those not in the result) passed to `Family.finish` in one call. [bytes]
+#: Maximum size of the `passing` variables (not in the result) in one call of `Family.finish`. [bytes]
 PASS_BYTES = 16 * 2**20
 #: Location of the workers: this process, processes on this machine, or machines with separate memory.
 Where: TypeAlias = Literal["here", "processes", "elsewhere"]
@@ -83,9 +83,9 @@ class Workload:
     coordinate_bytes : int
         Size of the coordinates. [bytes]
     axes : mapping of str to int
-        Lengths of dimensions that are evaluated but not stored, for messages.
+        Lengths of dimensions that are evaluated but not stored. Messages list these lengths.
     fixed_bytes : int
-        Memory that the family needs regardless of the chunks. [bytes]
+        Memory that the family needs in addition to the chunks. [bytes]
     """
 
     parameters: Mapping[str, int]
@@ -487,7 +487,7 @@ class Work:
 
 
 def build(work: Work, plan: Plan, coordinates: xr.Dataset) -> xr.Dataset:
-    """Return the result of a study as a lazy data set. Each chunk contains one point or several small points."""
+    """Return the result of a study as a lazy data set, with one point or several small points per chunk."""
     lazy = [_mapped(work, kind, cut, plan) for kind, cut in plan.cuts.items()]
     return xr.merge(lazy)[list(in_result(work.variables))].assign_coords(coordinates.coords)
 

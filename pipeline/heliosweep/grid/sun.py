@@ -43,7 +43,7 @@ DATE = {
 
 @dataclass(frozen=True)
 class Instants:
-    """Instants of a study, labelled along ``time``, on the clock ``solar``, ``civil``, ``weather`` or ``sun``.
+    """Instants of a study, with labels along ``time``.
 
     The labels depend on the clock:
 
@@ -170,14 +170,14 @@ def daily_windows(time: CivilTime, timezone: str) -> list[NDArray[np.datetime64]
 
 
 def window_count(steps: float, sampling: str) -> int:
-    """Return the number of instants in a window that is `steps` steps long, tolerating rounding errors."""
+    """Return the number of instants in a window of `steps` steps, tolerating rounding errors."""
     if sampling == "left":
         return int(np.ceil(steps - 1e-9))
     return int(np.floor(steps + 1e-9)) + (sampling == "inclusive")
 
 
 def window_positions(steps: float, sampling: str) -> NDArray[np.float64]:
-    """Return the times of the instants in a window that is `steps` steps long, in steps from its start."""
+    """Return the times of the instants in a window of `steps` steps, in steps from its start."""
     return np.arange(window_count(steps, sampling), dtype=np.float64) + (0.5 if sampling == "midpoint" else 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Choose aim points under flux limits by the smoothed dual function, or for one heliostat at a time.
+"""Choose aim points under flux limits with the smoothed dual function, or for one heliostat at a time.
 
 The flux images form a CSR matrix, stored as a tuple of three arrays: the first entry of each row, the cells, and the
 flux. Row a * N + i is the image of heliostat i for aim a. A choice contains the index of the aim chosen for each

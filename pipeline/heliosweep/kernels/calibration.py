@@ -114,7 +114,7 @@ class Fit(NamedTuple):
     #: True for observations that the fit uses, shape (N, M).
     #: Such an observation has a positive weight, a measured value, and a prediction for the mount without errors.
     counted: NDArray[np.bool_]
-    #: Status codes, from `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,).
+    #: Status code of each mount, `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,).
     status: Integers
     #: Index of the error with the largest component in the direction of maximum variance, shape (N,).
     #: The index is -1 if there are too few observations.
@@ -355,7 +355,7 @@ class _Problem:
     def left_out(
         self, some: NDArray[np.int64], errors: Floats, residual: Floats, rows: Floats, shares: Floats, loss: int
     ) -> Floats:
-        """Return leave-one-out residuals by one Newton step.
+        """Return leave-one-out residuals, approximated by one Newton step.
 
         Let A = J H^-1 J^T, where J is the Jacobian and H the second derivative of the cost. The influence w rho' r of
         the omitted observation depends on its residual r. Let D be the derivative of the influence with respect to r.

@@ -1,7 +1,7 @@
 """Two-axis mounts with six angular errors in front of a receiver plane: kinds, frames, exact aiming, and spots.
 
-Angles are stored as (cosine, sine) pairs, and matrices as tuples of rows. The world frame has x east, y north, z up.
-The receiver is a rectangle centred on the aim point T. The axes X, Y, Z of the receiver's face are the rows
+Angles are stored as (cosine, sine) pairs, and matrices as tuples of rows. In the world frame, x points east, y north
+and z up. The receiver is a rectangle centred on the aim point T. The axes X, Y, Z of the receiver's face are the rows
 
     X = (cos b sin g, cos b cos g, sin b),  Y = (-cos g, sin g, 0),  Z = X x Y
 
@@ -64,10 +64,10 @@ _LEVEL = 1e-12
 def mount_frame(kind: int, latitude: float, axis_azimuth: float, to_target: Vector) -> Matrix:
     """Return the axes x, y, z of a mount [1]; z is the primary axis, and the primary angle is zero along y.
 
-    Azimuth-elevation mounts have x east and z up. Target-aligned mounts have z along `to_target`, the vector from the
-    pivot to the aim point [m], and y as near to vertical as possible (north if z is vertical). Polar mounts have x east
-    and z to the celestial north pole at `latitude` [rad]. Tilt-roll mounts have z horizontal towards `axis_azimuth`
-    [rad] and y up.
+    For azimuth-elevation mounts, x points east and z up. For target-aligned mounts, z points along `to_target`, the
+    vector from the pivot to the aim point [m], and y is as close to vertical as possible (north if z is vertical). For
+    polar mounts, x points east and z to the celestial north pole at `latitude` [rad]. For tilt-roll mounts, z is
+    horizontal towards `axis_azimuth` [rad] and y points up.
     """
     x, z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
     if kind == TARGET_ALIGNED:
@@ -94,7 +94,7 @@ def times(m: Matrix, v: Vector) -> Vector:
 
 @inline
 def back(m: Matrix, v: Vector) -> Vector:
-    """Return the product of the transpose of a matrix and a vector."""
+    """Return the product of a transposed matrix and a vector."""
     return mixed(1.0, mixed(v[0], m[0], v[1], m[1]), v[2], m[2])
 
 
@@ -150,7 +150,7 @@ def point(n, ce, se, cm, sm):
 #: `MISSES`: The ray points away from the plane or is parallel to it, or the sun illuminates the back of the mirror.
 #: `BEHIND_FACE`: The pivot or the mirror centre lies on the receiver plane or behind it.
 #: `NO_SUN`: The sun is not above the horizon, or its position is NaN.
-#: `BLIND_CONE`: The mount cannot point in the required direction, although the aim point is far enough.
+#: `BLIND_CONE`: The mount cannot point in the required direction, although the aim point is far enough away.
 #: `TOO_NEAR`: The offsets of the mirror are not smaller than the distance to the aim point.
 REACHES, MISSES, BEHIND_FACE, NO_SUN, BLIND_CONE, TOO_NEAR = range(6)
 

@@ -206,7 +206,7 @@ def falling_envelope(values: Floats) -> Floats:
 
 
 def noisy(profile: Profile, noise: float, nodes: int = 120, seed: int = 0) -> Profile:
-    """Return a profile tabulated at uniform nodes, including both ends, with normal noise at each node.
+    """Return a profile tabulated at uniform nodes, including both ends, with Gaussian noise at each node.
 
     `noise` is the standard deviation relative to the brightness of the disc centre [1]. The number of nodes, `nodes`,
     must be at least 3. `seed` is the key of the counter-based generator, so the noise of node k does not depend on the
@@ -229,7 +229,7 @@ def scaled(profile: Profile, error: float) -> Profile:
 
 
 def smoothed(profile: Profile, nodes: float) -> Profile:
-    """Smooth a tabulated profile by a Gaussian with a standard deviation of `nodes` table steps.
+    """Smooth a tabulated profile with a Gaussian whose standard deviation is `nodes` table steps.
 
     For the convolution, the table is mirrored at the disc centre and extended along its tangent beyond the edge.
     """

@@ -104,7 +104,7 @@ ELEVATION, AZIMUTH, ENCODER_AZIMUTH = range(3)
 #: Coefficients of a trigonometric polynomial of the error: 1, cos, sin, cos 2, sin 2, cos 3 and sin 3.
 Series = tuple[float, float, float, float, float, float, float]
 
-#: Lines along the edges of an aperture (right, left, top and bottom), without the distances of the edges.
+#: Lines along the right, left, top and bottom edges of an aperture, without the distances of the edges.
 _EDGES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))
 #: Maximum number of steps in a search along the error. All searches in the tests need fewer steps.
 _STEPS = 10_000
@@ -340,8 +340,8 @@ def crossing_cotangent(
 ) -> tuple[float, float]:
     """Return the cotangent and sign of the minimum error at which the spot is on a line, for a fixed mirror centre.
 
-    The parameters are as in `canting_cotangent`. The cotangent is the cotangent of the minimum |error| at which the
-    spot is real and on the line, or -infinity if there is no such error.
+    The parameters are as in `canting_cotangent`. The result contains the cotangent of the minimum |error| at which the
+    spot is real and on the line, and the sign of this error. The cotangent is -infinity if there is no such error.
     """
     lit = dot(sun, normal)
     lit_side = dot(sun, cross(axis, normal))

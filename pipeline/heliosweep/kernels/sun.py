@@ -1,4 +1,4 @@
-"""Unit vectors to the sun from solar time, or for many sites from daily nodes of a precise ephemeris.
+"""Unit vectors to the sun from solar time, or from daily nodes of a precise ephemeris.
 
 Apart from the Earth's rotation, the sun's apparent position changes smoothly over a day. The geocentric direction and
 the parallax are therefore interpolated by cubic splines through daily nodes, which are computed by the SPA [1]_. The
@@ -52,7 +52,7 @@ def solar_clock(latitude: ArrayLike, declination: ArrayLike, hour: ArrayLike) ->
 def refracted(sun: ArrayLike, pressure: float, temperature: float) -> NDArray[np.float64]:
     """Return apparent sun vectors, raised towards the zenith by atmospheric refraction, shape (..., 3). [1]
 
-    `sun` contains geometric unit vectors, east, north, up. `pressure` [Pa] and `temperature` [deg C] describe the air
+    `sun` contains geometric unit vectors (east, north, up). `pressure` [Pa] and `temperature` [deg C] describe the air
     at the site. Saemundsson's formula is applied as in the SPA: Reda, I. and Andreas, A. (2004). Solar position
     algorithm for solar radiation applications. Solar Energy 76, 577-589, section 3.14.2.
     doi:10.1016/j.solener.2003.12.003. Vectors with an elevation below -0.8333 deg are unchanged, because the whole disc

@@ -1,4 +1,4 @@
-"""Radial brightness of the sun and its aureole, represented by rings with a share of the light each.
+"""Radial brightness of the sun and its aureole, represented by rings that each contain a share of the light.
 
 A sun shape is the brightness B(r) as a function of the angle r from the sun's centre. A sun shape is stored as rings at
 Gauss-Legendre nodes. A ring of radius r contains the fraction 2 pi r B(r) dr of the light. The Buie sun shape [1]_ is
@@ -80,7 +80,7 @@ def buie(circumsolar_ratio: float) -> SunShape:
 
     The published formula calls its parameter the circumsolar ratio, but the resulting ratio differs from the parameter
     by 0.1 percentage points or more. This function therefore finds the parameter for the requested ratio by bisection.
-    Raises ValueError if the ratio is outside the range `CSR`.
+    Raises ValueError if the ratio is outside the range given by `CSR`.
     """
     if not CSR[0] <= circumsolar_ratio <= CSR[1]:
         raise ValueError(f"the circumsolar ratio must be from {CSR[0]} to {CSR[1]}")
@@ -112,7 +112,7 @@ def table(angle: Floats, brightness: Floats) -> SunShape:
 
 
 def quantile(shape: SunShape, part: Floats) -> Floats:
-    """Return the angle from the sun's centre within which a given fraction of the light lies. [rad]"""
+    """Return the angular radius about the sun's centre that contains a given fraction of the light. [rad]"""
     if shape.variance > 0.0:
         return math.sqrt(shape.variance) * np.sqrt(-2.0 * np.log1p(-part))
     within = np.concatenate(([0.0], np.cumsum(shape.share) - 0.5 * shape.share, [1.0]))

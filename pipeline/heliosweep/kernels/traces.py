@@ -2,7 +2,7 @@
 
 Two small cylinders (or rotating prisms) are at the centre of the mirror. One cylinder lies along the elevation axis e
 of the mirror, the other along the line b up the slope of the mirror. A cylinder with the axis a reflects the sun's rays
-like a set of mirrors that are rotated about a by all angles. With the mirror centre p and the direction S to the sun,
+like a set of mirrors at all angles of rotation about a. With the mirror centre p and the direction S to the sun,
 the rays reach all points x of the plane for which
 
     F(x) = a.(S + v / |v|) = 0,   v = x - p
@@ -29,7 +29,7 @@ import numpy as np
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.mounts import Stand
 
-#: Sines below this value are rounding errors. Two crossings count as one if their angular distance, seen from the
+#: Sines below this value are rounding errors. Two crossings are treated as one if their angular distance, seen from the
 #: mirror, is below this value.
 _SAME = 1e-9
 

@@ -31,7 +31,7 @@ AREAS = {"boundary": "layout_boundary", "exclude": "layout_exclude"}
 MAX_CELLS = 25_000_000
 TOO_MANY = "has {:,} heights, " + f"more than {MAX_CELLS:,}: crop it to the field, or use a coarser grid"
 
-#: Position east and north of an origin. [m]
+#: Distances east and north of an origin. [m]
 Place = tuple[float, float]
 
 AT_TOWER: Place = (0.0, 0.0)
@@ -46,7 +46,7 @@ class Region:
     Parameters
     ----------
     sectors : sequence of (float, float)
-        Middle azimuth and width of each sector as seen from the tower; empty for all azimuths. [deg]
+        Middle azimuth and width of each sector, seen from the tower. An empty sequence allows all azimuths. [deg]
     boundary, exclude : shapely geometry, optional
         Polygons that contain all heliostats, and polygons that contain none. [m]
     margin : float
@@ -133,7 +133,7 @@ def read_area(path: Path, key: str, tower: Place = AT_TOWER) -> Any:
     corners = shapely.get_coordinates(polygons)
     degrees = (np.abs(corners) <= (180.0, 90.0)).all() and np.ptp(corners, axis=0).max() < 1.0
     advice = "is less than 1 m across: project it to metres, for example to UTM, and give 'origin'"
-    need(not degrees, f"is probably in degrees: {advice}")
+    need(not degrees, f"is probably in degrees, because it {advice}")
     polygons = shapely.transform(polygons, lambda places: places - tower)
     corners = shapely.get_coordinates(polygons)
     stray = corners[~(np.abs(corners) <= FARTHEST).all(axis=1)]
@@ -180,7 +180,7 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
     )
     step_x, step_y = (-1 if side[0] > side[-1] else 1 for side in (x, y))
     x, y, height = x[::step_x], y[::step_y], height[::step_y, ::step_x]
-    need((np.diff(x) > 0).all() and (np.diff(y) > 0).all(), "must have x and y that are monotonic")
+    need((np.diff(x) > 0).all() and (np.diff(y) > 0).all(), "must have monotonic x and y")
     return scipy.interpolate.RegularGridInterpolator(
         (y - tower[1], x - tower[0]), np.ascontiguousarray(height), bounds_error=False
     )
@@ -213,7 +213,7 @@ def _geotiff(path: Path, need: Callable[[Any, str], None]) -> tuple[Floats, Floa
         cell, crs = grid.transform, grid.crs
         need(grid.width * grid.height <= MAX_CELLS, TOO_MANY.format(grid.width * grid.height))
         placed = grid.count == 1 and not cell.is_identity and cell.is_rectilinear
-        need(placed, "must be one band of heights with map coordinates and north up, as written by gdalwarp")
+        need(placed, "must contain one band of heights with map coordinates and north up, as written by gdalwarp")
         need(
             crs is None or not crs.is_geographic,
             "has no map coordinates in m: project it, for example with gdalwarp -t_srs EPSG:32630",

@@ -1,4 +1,4 @@
-"""Heliostat layouts: positions in a fixed order, properties of each heliostat, and checks before a run.
+"""Heliostat layouts: positions and properties of the heliostats in a fixed order, and checks before a run.
 
 A CSV table contains one row per heliostat. Tables from SolarPILOT, OpenCSP and solsticepy can also be read. The
 header is the first line with titles for ``x`` and ``y`` (``Pos-x``, ``X Position (m)``, ...). Lines before the header,
@@ -61,7 +61,7 @@ class Property(NamedTuple):
     #: Exclusive lower bound; slightly negative if 0 is allowed.
     above: float
     most: float
-    #: True if the column is used only if the study has an ``optics`` block.
+    #: True if the column is used only with an ``optics`` block in the study.
     optical: bool = True
 
 
@@ -268,7 +268,7 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     ----------
     layout : Layout
     width, height : array_like, shape (heliostat,) or scalar
-        Mirror width and height; maximum values if they are swept. [m]
+        Mirror width and height. If the sizes are swept, give the maximum values. [m]
 
     Returns
     -------
@@ -285,8 +285,8 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     stray = np.flatnonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
     if stray.size:
         rule = (
-            f"x, y and z must be metres from the base of the tower, at most {FARTHEST:,.0f}; for map coordinates set "
-            "'layout.origin: [east, north]' of the tower"
+            f"x, y and z must be in metres from the base of the tower, at most {FARTHEST:,.0f}; for map coordinates "
+            "set 'layout.origin: [east, north]' of the tower"
         )
         places = (", ".join(f"{value:.6g}" for value in points[row]) for row in stray)
         return _listed(layout, stray, (f"is beyond any field: {rule} (got {place})" for place in places)), []
@@ -339,7 +339,7 @@ SOLARPILOT_COLUMNS = (
 )
 #: Titles of a column that contains one focal length for both directions.
 _BOTH = ("foc", "focus", "focallength")
-#: Column names, by title without spaces and punctuation.
+#: Column names for each title, written without spaces and punctuation.
 #: SolarPILOT uses the titles ``Loc. X`` in layouts, ``Pos-x`` in exports and ``x_location`` in the Python interface.
 _TITLES = {
     **{name.replace("_", ""): name for name in (*PROPERTIES, *SOLARPILOT_COLUMNS)},
@@ -362,10 +362,10 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     Parameters
     ----------
     path : path
-        File with the columns ``x`` and ``y``, the position east and north of the tower's base [m]. Optional columns are
-        ``z``, the height [m, default 0], properties of the heliostats (`heliosweep.layouts.layout.PROPERTIES`), and
-        labels. The docstring of this module describes other supported tables. Empty lines and lines that start with
-        ``#`` are skipped.
+        File with the columns ``x`` and ``y``, which contain the distances east and north of the tower's base [m]. The
+        optional columns are the height ``z`` [m] (default: 0), the heliostat properties in
+        `heliosweep.layouts.layout.PROPERTIES`, and labels. The docstring of this module describes other supported
+        tables. Empty lines and lines that start with ``#`` are skipped.
     reserved : collection of str
         Reserved names in the result. Labels with these names are prefixed with ``layout_``.
     name : str, optional
@@ -374,8 +374,8 @@ def read_csv(path: str | Path, reserved: Collection[str] = (), name: str | None 
     Returns
     -------
     Layout
-        Layout in the order of the file. Titles of label columns are converted to names (``Num. Facets``
-        becomes ``num_facets``).
+        Layout with the heliostats in the order of the file. Titles of label columns are converted to
+        names (``Num. Facets`` becomes ``num_facets``).
 
     Raises
     ------

@@ -61,7 +61,8 @@ _SOURCE = (
 class Plant(NamedTuple):
     """Measured field, in the form of study blocks."""
 
-    #: Heliostat pivots relative to the point below the target's centre, mirror sizes, ``id`` and ``canting_distance``.
+    #: Layout with mirror sizes, ``id`` and ``canting_distance``.
+    #: The positions are those of the pivots, relative to the point below the target's centre.
     layout: Layout
     #: Block ``site`` with the geographic coordinates of the plant.
     site: dict[str, Any]
@@ -234,7 +235,7 @@ def _need(good: Any, path: Path, keys: tuple[str, ...], message: str) -> None:
 
 
 def _files(folder: Path, pattern: str) -> list[Path]:
-    """Return the files in a folder and its subfolders that match a pattern, ordered by depth and name."""
+    """Return the files in a folder and its subfolders that match a pattern, sorted by depth and name."""
     return [path for depth in range(4) for path in sorted(folder.glob("*/" * depth + pattern))]
 
 
@@ -355,7 +356,7 @@ def _read_tower(folder: Path, target: str) -> tuple[tuple[float, ...], dict[str,
     *corners, centre = local_positions([record.coordinates[name] for name in names], origin)
     edges, normal = np.reshape(corners, (2, 2, 3)), np.array(record.normal_vector)
     good = np.any(normal) and np.sum((edges.mean(axis=(0, 1)) - centre) ** 2) <= 1.0
-    _need(good, path, (target,), "has no normal, or a centre more than 1 m from the centre of its corners")
+    _need(good, path, (target,), "must have a normal, and a centre within 1 m of the centre of its corners")
     width, height = (np.mean(np.sqrt(np.sum(np.diff(edges, axis=axis) ** 2, axis=-1))) for axis in (1, 0))
     numbers = {
         "height": centre[2],

@@ -39,12 +39,12 @@ from heliosweep.layouts.layout import MAX_HELIOSTATS, Layout
 MOST_PLACES = 4 * MAX_HELIOSTATS
 
 #: Spacing within a ring at which an automatic zone ends, as a multiple of the clearance.
-#: Relative shortfall of a distance that is treated as a rounding error.
+#: Maximum relative shortfall of a distance that is treated as a rounding error.
 WIDEST_SPACING, ROUNDING = 1.7, 1e-12
 
-#: Radius of a ring [m], and azimuths clockwise from north, negative in the west. [deg]
+#: Radius of a ring [m], and azimuths of its heliostats, clockwise from north and negative in the west. [deg]
 Ring: TypeAlias = tuple[float, Floats]
-#: Pattern positions x and y within a radius [m], values that order the positions for selection, and layout columns.
+#: Pattern positions x and y within a radius [m], values by which the positions are sorted, and layout columns.
 Places: TypeAlias = tuple[Floats, Floats, NDArray[Any], dict[str, NDArray[Any]]]
 
 
@@ -156,9 +156,9 @@ def radial_stagger(
     ring k-1 at the same azimuths. The pitch of a zone with the first ring at radius r is 2 asin(c / 2r).
 
     A pitch within 0.1 % of 360 deg / n is rounded to 360 deg / n to close the rings, unless heliostats would be too
-    close together. Otherwise the rings are filled from north on both sides, at 0, p, 2p, ... or p/2, 3p/2, ..., as long
-    as heliostats are one clearance apart across the gap in the south. An additional heliostat is placed due south if
-    this position is at least one clearance from all other heliostats.
+    close together. Otherwise, the rings are filled from the north on both sides, at 0, p, 2p, ... or p/2, 3p/2, ..., as
+    long as heliostats are one clearance apart across the gap in the south. An additional heliostat is placed due south
+    if this position is at least one clearance from all other heliostats.
 
     An automatic zone ends before the spacing within a ring exceeds 1.7 clearances, and the next zone starts one
     clearance further out. If `spacing` is given, the spacing rule determines the minimum distances and the ends of
@@ -275,10 +275,10 @@ def _zone(
 ) -> Iterator[Ring]:
     """Yield the rings of a zone until another heliostat fits between neighbours, or endlessly if `spacing` is given.
 
-    Each ring is filled from north on both sides. A closed ring has equal angular steps. An open ring has a gap in the
-    south that may contain one heliostat. Only the previous ring can be too close, because earlier rings are at least
-    one clearance further in. Staggering ensures the distance to the previous ring, even across the gap, except for a
-    heliostat due south in either ring.
+    Each ring is filled from the north on both sides. A closed ring has equal angular steps. An open ring has a gap in
+    the south that may contain one heliostat. Only the previous ring can be too close, because earlier rings are at
+    least one clearance further in. Staggering ensures a sufficient distance to the previous ring, even across the gap,
+    except for a heliostat due south in either ring.
     """
     half, radius, azimuths = math.radians(pitch) / 2, start, np.empty(0)
     before, staggered = -math.inf, False

@@ -150,7 +150,7 @@ class Layouts:
         return Region(sectors, boundary, exclude, of("margin") or 0.0)
 
     def areas(self) -> dict[str, str]:
-        """Return the polygons common to all layouts, as WKT in metres, by result attribute."""
+        """Return the polygons common to all layouts as WKT [m], by the name of the result attribute."""
         names = {key: getattr(self.block, key) for key in AREAS}
         return {AREAS[key]: self._area(key, name).wkt for key, name in names.items() if isinstance(name, str)}
 
@@ -296,7 +296,7 @@ class LayoutAxis:
         return self._layouts[int(np.ravel_multi_index(place, self._shape)) if place else 0]
 
     def column(self, name: str, padding: object = np.nan) -> xr.DataArray:
-        """Return a column of all layouts over `dims` and ``heliostat``."""
+        """Return one column of all layouts as an array over `dims` and ``heliostat``."""
         columns = [getattr(one, name) if name in _POSITIONS else one.columns[name] for one in self._layouts]
         is_text = any(column.dtype.kind == "U" for column in columns)
         table = np.array(columns[:1], object if is_text else None)
@@ -351,7 +351,7 @@ def longest(study: Study, key: str = "layout") -> int:
 def _counted(study: Study, key: str) -> Layouts:
     layouts = Layouts(study, key)
     most = MAX_MADE if layouts.heliostats is None else MAX_LAYOUTS
-    number = math.prod(map(len, layouts.dimensions))  # may exceed the maximum of `len`
+    number = math.prod(map(len, layouts.dimensions))  # may be too large for `len`
     if number > most:
         axis = max(layouts.dimensions, key=len)
         remedy = " or give the layout's 'heliostats'" if most == MAX_MADE else ""
