@@ -119,13 +119,13 @@ def test_names_and_whole_numbers_are_drawn_from_a_list() -> None:
     assert study.tracking.words() == "discrete: azimuth elevation (0.25), spinning elevation (0.75)"
     assert load_mapping(study.resolved(), REGISTRY) == study
     for wrong, message in (
-        ({"normal": [1, 2]}, "names are drawn by {discrete"),
+        ({"normal": [1, 2]}, "names are drawn from {discrete"),
         ({"discrete": {"values": ["azimuth"]}}, r"tracking.discrete.values\[0\]: unknown choice"),
     ):
         with pytest.raises(StudyError, match=message):
             load_mapping(content | {"tracking": wrong, "sample": {"size": 64}}, REGISTRY)
     rings = {"radial_stagger": {"clearance": 18, "inner_radius": 60, "rings": {"normal": [2, 1]}}}
-    with pytest.raises(StudyError, match=r"rings.normal: unknown key; whole numbers are drawn by {discrete"):
+    with pytest.raises(StudyError, match=r"rings.normal: unknown key; whole numbers are drawn from {discrete"):
         load_mapping(content | {"layout": rings, "sample": {"size": 64}}, REGISTRY)
     with pytest.raises(StudyError, match="cannot be drawn"):
         load_mapping(content | {"sample": {"size": 64, "design": drawn}}, REGISTRY)
@@ -144,7 +144,8 @@ def test_a_normal_distribution_that_hardly_exceeds_a_bound_is_cut_there_and_note
     assert drawn.cut == pytest.approx(stats.norm.sf(7 / 1.35), rel=1e-6)
     note = next(iter(study.notes()))
     assert note.startswith(
-        "heliostat.pivot_height: 1e-07 of the normal draws would be out of bounds; the distribution is truncated to"
+        "heliostat.pivot_height: a fraction of 1e-07 of the normal draws would be out of bounds; "
+        "the distribution is truncated to"
     )
     assert load_mapping(study.resolved(), REGISTRY).study_id == study.study_id
     probability = np.linspace(0.01, 0.99, 99)

@@ -24,7 +24,9 @@ def test_a_key_is_explained():
         assert line in text
     assert explain(["sites[0].latitude"]) == explain(["sites[3].latitude"])
     assert "azimuth_elevation: rotated about the vertical, then tilted" in explain(["tracking"])
-    assert "sobol: eight independently scrambled Sobol sequences; the most accurate\n" in explain(["sample.design"])
+    assert "sobol: eight independently scrambled Sobol sequences, the most accurate design\n" in explain(
+        ["sample.design"]
+    )
     assert "averaged over" in explain(["field_efficiency", "time.hours"])
     assert "receiver.height  " in explain(["field_efficiency", "receiver"])
 

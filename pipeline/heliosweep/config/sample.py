@@ -1,9 +1,9 @@
-"""The blocks `sample` (draws of keys) and `search` (best point), and the design of the draws in the unit cube.
+"""Define the blocks `sample` and `search`, and generate the draws in the unit hypercube.
 
 A design has one row for each draw and one column for each drawn key. In the designs `sobol` and `random`, draw k
-depends only on the seed and on k. A shorter sample is therefore equal to the first draws of a longer sample. Draw k of
-`sobol` belongs to sequence k modulo 8 of eight Sobol sequences, which are scrambled independently [1]_. The scatter of
-the means of the eight sequences is used to estimate the error of the overall mean. A single sequence provides no error
+depends only on the seed and on k. A shorter sample is therefore equal to the first draws of a longer sample. In the
+design `sobol`, draw k is a point of sequence k modulo 8 of eight independently scrambled Sobol sequences [1]_. The
+error of the overall mean is estimated from the scatter of the eight sequence means. A single sequence provides no error
 estimate [2]_.
 
 References
@@ -62,12 +62,12 @@ MORRIS, LOCAL = "morris", "local"
 
 @dataclass(frozen=True)
 class Design:
-    """Design of the draws of a study, in terms of probabilities.
+    """Design of the draws of a study, expressed as probabilities.
 
     Parameters
     ----------
     kind : {"sobol", "latin_hypercube", "random"}
-        Arrangement of the points in the unit cube.
+        Arrangement of the points in the unit hypercube.
     size : int
         Number of draws, or, for a sensitivity analysis, number of base points or trajectories.
     seed : int
@@ -75,10 +75,10 @@ class Design:
     groups : tuple of int
         Index of the sensitivity parameter to which each drawn key belongs.
     sensitivity : {"", "sobol", "morris", "local"}
-        Saltelli's design, trajectories of elementary effects, or single steps; empty if there is no sensitivity
-        analysis.
+        Saltelli's design, trajectories of elementary effects, or steps of one parameter at a time. Empty without a
+        sensitivity analysis.
     factor : tuple of tuple of float
-        Rows of the Cholesky factor of the correlation matrix of the keys; empty for independent keys.
+        Rows of the Cholesky factor of the key correlation matrix. Empty for independent keys.
     """
 
     kind: str
@@ -90,7 +90,7 @@ class Design:
 
     @property
     def parameters(self) -> int:
-        """Number of sensitivity parameters: keys and groups of keys."""
+        """Number of sensitivity parameters, which are groups of keys and ungrouped keys."""
         return max(self.groups) + 1
 
     @property
@@ -108,7 +108,7 @@ class Design:
 
 @lru_cache(maxsize=4)
 def _draws(design: Design) -> NDArray[np.float64]:
-    if design.sensitivity == LOCAL:  # medians, then one standard deviate down and up for each parameter
+    if design.sensitivity == LOCAL:  # the medians, then one standard deviation down and up for each parameter
         steps = np.full((len(design), len(design.groups)), 0.5)
         for key, parameter in enumerate(design.groups):
             steps[2 * parameter + 1 : 2 * parameter + 3, key] = scipy.special.ndtr([-1.0, 1.0])
@@ -125,7 +125,7 @@ def _draws(design: Design) -> NDArray[np.float64]:
     if not design.sensitivity:
         return points
     # The first row of a base point contains the first half of the columns, and the last row contains the second half.
-    # In each other row, the second half replaces the first half for the keys of one parameter.
+    # Each row in between contains the first half, except that the keys of one parameter come from the second half.
     first, second = (np.repeat(half, design.rows, axis=0) for half in np.split(points, 2, axis=1))
     row = np.tile(np.arange(design.rows), design.size)[:, np.newaxis]
     return np.where((np.array(design.groups) == row - 1) | (row == design.rows - 1), second, first)
@@ -143,7 +143,7 @@ def _points(design: Design, columns: int) -> NDArray[np.float64]:
     for sequence in range(REPLICATES):
         engine = qmc.Sobol(columns, rng=np.random.default_rng([design.seed, sequence]))
         points[sequence::REPLICATES] = engine.random(design.size // REPLICATES)
-    return points + LEAST  # the middle of a step, so that a draw is never 0
+    return points + LEAST  # move each point to the middle of a step, so that no draw is 0
 
 
 def levels(design: Design) -> NDArray[np.float64]:
@@ -159,31 +159,31 @@ def problem(design: Design) -> dict[str, object]:
     return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names), "groups": groups}
 
 
-#: Dimension of the draws.
+#: Name of the dimension of the draws.
 SAMPLE = "sample"
 #: Maximum number of draws.
 MAX_SIZE = 2**20
 
 
 class SampleStatistics(Block):
-    """Statistics stored in addition to mean, standard deviation and standard error."""
+    """Statistics to store in addition to the mean, standard deviation and standard error."""
 
     percentiles: Annotated[
         Sweep, Samples("Percentiles of the draws", "1", ge=0, le=100, title="percentile")
     ] = Samples("", "1").read([5, 50, 95])  # fmt: skip
     every_draw: Annotated[
         bool,
-        Flag("Also store every draw of the results of each heliostat, and of other results with more than 100 numbers"),
+        Flag("Also store every draw of results that contain one number per heliostat or more than 100 numbers"),
     ] = False
 
 
 class Sample(Block):
-    """Draws of the keys whose values are distributions."""
+    """Random sample of the keys whose values are distributions."""
 
     size: Annotated[
         int | None,
-        Quantity("Number of draws; with 'sensitivity: sobol', number of base points; with 'morris', number of "
-                 "trajectories", "1",
+        Quantity("Number of draws (number of base points with 'sensitivity: sobol', number of trajectories with "
+                 "'sensitivity: morris')", "1",
                  ge=2, le=MAX_SIZE, integer=True, sweep=False),
     ] = None  # fmt: skip
     seed: Annotated[int, Quantity("Seed of all draws", "1", ge=0, le=MAX_SEED, integer=True, sweep=False)] = 0
@@ -192,7 +192,7 @@ class Sample(Block):
         Choice(
             "Sampling design of the draws",
             {
-                SOBOL: "eight independently scrambled Sobol sequences; the most accurate",
+                SOBOL: "eight independently scrambled Sobol sequences, the most accurate design",
                 LATIN: "one draw in each stratum of each key, with as many strata as draws; a larger sample does not "
                 "begin with the draws of a smaller sample",
                 RANDOM: "independent draws",
@@ -203,11 +203,11 @@ class Sample(Block):
     sensitivity: Annotated[
         str | None,
         Choice(
-            "Sensitivity analysis in addition to statistics",
+            "Sensitivity analysis in addition to the statistics",
             {
-                SOBOL: "variance-based: first-order and total index of each key, from size x (keys + 2) draws",
+                SOBOL: "variance-based first-order and total indices of each key, from size x (keys + 2) draws",
                 MORRIS: "elementary effects of each key along trajectories, from size x (keys + 1) draws",
-                LOCAL: "change of the result if each key changes by one standard deviation, from 2 x keys + 1 draws",
+                LOCAL: "change in the result when one key changes by one standard deviation, from 2 x keys + 1 draws",
             },
             sweep=False,
         ),
@@ -221,22 +221,25 @@ class Sample(Block):
             ],
             ...,
         ],
-        Field(description="Correlations of normal deviates of two drawn keys (Gaussian copula), as [key, key, number]"),
+        Field(
+            description="Correlations between the normal deviates of two drawn keys (Gaussian copula), each as "
+            "[key, key, number]"
+        ),
     ] = ()
     groups: Annotated[
         dict[str, tuple[Annotated[str, Text("Key")], ...]],
-        Field(description="Groups of drawn keys with a common sensitivity, by group name"),
+        Field(description="Groups of drawn keys that share one sensitivity index, by group name"),
     ] = {}  # noqa: RUF012
-    statistics: Annotated[SampleStatistics, Field(description="Stored statistics of the draws")] = SampleStatistics()
+    statistics: Annotated[SampleStatistics, Field(description="Statistics of the draws to store")] = SampleStatistics()
 
     def rules(self) -> Iterator[Fault]:
-        """Check the size and the design of the sample, and that the design uses every given key."""
+        """Check that the size suits the design, and that the sensitivity analysis uses every given key."""
         kind, size = self.sensitivity, self.size
         purpose, own_design = f"cannot be used with 'sensitivity: {kind}'", kind in (MORRIS, LOCAL)
         wrong = (
             ("size", kind == LOCAL and size is not None,
              f"{purpose}, which determines its own number of draws: remove it"),
-            ("design", own_design and self.design != SOBOL, f"{purpose}, which has its own: remove it"),
+            ("design", own_design and self.design != SOBOL, f"{purpose}, which has its own design: remove it"),
             ("design", kind == SOBOL and self.design == LATIN, f"{purpose}: use sobol or random"),
             ("correlation", kind and self.correlation, "cannot be used with 'sensitivity', which requires "
              "independent keys: remove it"),
@@ -255,12 +258,12 @@ class Sample(Block):
 
 
 def drawn_keys(study: Study) -> dict[str, Drawn]:
-    """Return the drawn keys of a study."""
+    """Return the distributions of the drawn keys of a study, by dotted key."""
     return {key: value for key, _, value in study.parameters() if isinstance(value, Drawn)}
 
 
 def columns_of(study: Study) -> dict[str, str]:
-    """Map each drawn key to the key of its design column: the first of the keys that `zip` ties together."""
+    """Map each drawn key to the key of its design column, which is the first of the keys that `zip` ties together."""
     keys = list(drawn_keys(study))
     first = {key: min(group, key=keys.index) for group in study.tied_keys() if group[0] in keys for key in group}
     return {key: first.get(key, key) for key in keys}
@@ -287,37 +290,33 @@ def sample_problems(study: Study) -> Iterator[Problem]:
             yield study.problem(f"sample.correlation[{position}]", message)
     if all(len(pair) == 2 and pair <= set(drawn) for pair in pairs):
         if _factor(sample, drawn) is None:
-            message = (
-                "these correlations are impossible, because their matrix is not positive definite: use smaller "
-                "correlations"
-            )
+            message = "the correlation matrix is not positive definite: use smaller correlations"
             yield study.problem("sample.correlation", message)
         elif (draws := len(design_of(study))) > MAX_SIZE:
-            yield study.problem("sample.size", f"gives {draws:,} draws, more than {MAX_SIZE:,}; use fewer")
+            yield study.problem("sample.size", f"results in {draws:,} draws, but the maximum is {MAX_SIZE:,}")
 
 
 def _group_problems(study: Study, sample: Sample, columns: Mapping[str, str]) -> Iterator[Problem]:
-    """Yield a problem for each invalid group, and for each correlated or grouped key that is tied or not drawn."""
+    """Yield a problem for each invalid group, and for each key in a correlation or group that is tied or not drawn."""
     drawn = list(dict.fromkeys(columns.values()))
     members = {f"groups.{name}[{j}]": key for name, keys in sample.groups.items() for j, key in enumerate(keys)}
     pairs = {f"correlation[{i}][{j}]": str(pair[j]) for i, pair in enumerate(sample.correlation) for j in (0, 1)}
     for place, key in (pairs | members).items():
         if key not in drawn:
-            hint = did_you_mean(key, drawn) or f"; drawn are {', '.join(drawn)}"
+            hint = did_you_mean(key, drawn) or f"; the drawn keys are {', '.join(drawn)}"
             tied = f"is tied to {columns[key]}: give that key" if key in columns else f"is not a drawn key{hint}"
             yield study.problem(f"sample.{place}", f"{tied} (got {shown(key)})")
     for key in sorted(key for key, count in Counter(members.values()).items() if count > 1):
-        yield study.problem("sample.groups", f"{key} is in two groups, or twice in one group")
+        yield study.problem("sample.groups", f"{key} occurs in two groups, or twice in one group")
     for name, keys in sample.groups.items():
         if name in drawn and name not in keys:
             yield study.problem(f"sample.groups.{name}", "is the name of a drawn key: use another name")
 
 
 def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | None:
-    """Return the rows of the Cholesky factor of the correlation matrix of the keys.
+    """Return the rows of the Cholesky factor of the key correlation matrix.
 
-    The tuple is empty if the study specifies no correlations. The result is None if the matrix is not positive
-    definite.
+    Returns an empty tuple if the study specifies no correlations, and None if the matrix is not positive definite.
     """
     matrix = np.eye(len(keys))
     for first, second, correlation in sample.correlation:
@@ -333,14 +332,14 @@ def _factor(sample: Sample, keys: list[str]) -> tuple[tuple[float, ...], ...] | 
 
 
 def _parameters(study: Study) -> list[str]:
-    """Return the sensitivity parameter of each design column: the group of its key, or the key itself."""
+    """Return the sensitivity parameter of each design column: the group of the key, or the key if it is ungrouped."""
     assert study.sample is not None
     group_of = {key: name for name, members in study.sample.groups.items() for key in members}
     return [group_of.get(key, key) for key in dict.fromkeys(columns_of(study).values())]
 
 
 def parameter_names(study: Study) -> list[str]:
-    """Return the names of the sensitivity parameters in order. A parameter is a group or an ungrouped key."""
+    """Return the ordered names of the sensitivity parameters. A parameter is a group or an ungrouped key."""
     return list(dict.fromkeys(_parameters(study)))
 
 
@@ -355,14 +354,14 @@ def design_of(study: Study) -> Design:
 
 
 def bind_draws(study: Study) -> None:
-    """Assign the design of the study, and a column of this design, to each drawn key."""
+    """Assign the design of the study and a design column to each drawn key."""
     columns = columns_of(study)
     order = list(dict.fromkeys(columns.values()))
     for key, value in drawn_keys(study).items():
         value.design, value.column = design_of(study), order.index(columns[key])
 
 
-#: Dimension of the result of a search.
+#: Name of the dimension of a search result.
 EVALUATION = "evaluation"
 _FORM = "write [low, high], or {choice: [...]}"
 
@@ -375,7 +374,7 @@ class Results(Parameter):
         """Return the names. Raises Invalid."""
         names = raw if isinstance(raw, list | tuple) else (raw,)
         named = all(isinstance(name, str) and name.strip() for name in names)
-        require(named, "must be the name of a result, or a list of two")
+        require(named, "must be the name of a result, or a list of two names")
         return read_items(names, str) if names else ()
 
     def _one_schema(self) -> Schema:
@@ -388,7 +387,7 @@ class Extent(Parameter):
     """Values of a searched key before conversion to the unit of the key: ``[low, high]`` or ``{choice: [...]}``."""
 
     def read(self, raw: Any) -> Any:
-        """Return bounds as a tuple, or choices as a mapping. `with_search` has checked and converted both."""
+        """Return bounds as a tuple, or choices as a mapping. `with_search` has already checked and converted them."""
         return tuple(raw) if isinstance(raw, list) else raw
 
     def _one_schema(self) -> Schema:
@@ -396,7 +395,7 @@ class Extent(Parameter):
 
 
 class Limit(Block):
-    """Bounds of a result, in the unit of the result."""
+    """Bounds on a result, in the unit of the result."""
 
     at_least: Annotated[float | None, Quantity("Minimum of the result, in its unit", "1", sweep=False)] = None
     at_most: Annotated[float | None, Quantity("Maximum of the result, in its unit", "1", sweep=False)] = None
@@ -417,7 +416,11 @@ class Search(Block):
     minimise: Annotated[tuple[str, ...], Results("One or two results to minimise")] = ()
     over: Annotated[
         dict[str, Annotated[Any, Extent("Minimum and maximum of the key, or a choice of values")]],
-        Field(description="Searched keys, such as receiver.height, with their bounds", min_length=1, max_length=20),
+        Field(
+            description="Keys to search, such as receiver.height, with their bounds or choices",
+            min_length=1,
+            max_length=20,
+        ),
     ]
     budget: Annotated[
         int, Quantity("Maximum number of evaluations", "1", ge=1, le=100_000, integer=True, sweep=False)
@@ -433,10 +436,10 @@ class Search(Block):
     ] = Field(default_factory=dict)
 
     def rules(self) -> Iterator[Fault]:
-        """Check that there are one or two objectives, and enough evaluations for a generation."""
+        """Check that there are one or two objectives and enough evaluations for one generation."""
         goals, named = len(self.goals()), len(self.maximise) + len(self.minimise)
         needed = population(len(self.over), goals)
-        message = f"must be at least {needed}, one generation of a search over {len(self.over)} keys"
+        message = f"must be at least {needed}, the size of one generation in a search over {len(self.over)} keys"
         front = "give one result to 'maximise' or 'minimise', or two results for a Pareto front"
         return when(
             (not 1 <= named <= 2, Fault(front, show_value=False)),
@@ -454,12 +457,12 @@ class Search(Block):
 
 
 def population(keys: int, goals: int) -> int:
-    """Return the number of evaluations in one generation."""
+    """Return the number of evaluations in one generation of a search."""
     return max(10, 5 * keys) if goals < 2 else 4 * (4 + 2 * keys)
 
 
 def searchable(block: type[Block], prefix: str = "") -> dict[str, Parameter]:
-    """Return the declarations of all keys in a block that can be searched, by dotted key."""
+    """Return the declarations of all searchable keys in a block, by dotted key."""
     found: dict[str, Parameter] = {}
     for name, field in block.model_fields.items():
         declared = block.parameter(name)
@@ -472,7 +475,7 @@ def searchable(block: type[Block], prefix: str = "") -> dict[str, Parameter]:
 
 
 def with_search(source: Source, study_class: type[Study], problems: list[Problem]) -> Source:
-    """Return a study in which each searched key has a start value, and bounds in the unit of the key.
+    """Return a study in which each searched key has a start value and bounds in the unit of the key.
 
     If a searched key has no value, the search starts at the middle of its bounds, or at the first choice. Problems with
     searched keys are added to `problems`.
@@ -512,17 +515,19 @@ def _read(declared: Parameter, extent: Any) -> tuple[Any, Any]:
         return read, read["choice"][0]
     pair = isinstance(extent, list) and len(extent) == 2
     require(pair, f"must be the minimum and the maximum: {_FORM} (got {shown(extent)})")
-    require(isinstance(declared, Quantity), "is a name: write {choice: [...]}")
+    require(
+        isinstance(declared, Quantity), "must be a choice, because the values of the key are names: {choice: [...]}"
+    )
     low, high = each(extent, one.read)
     require(low < high, "the first number must be smaller than the second")
     close = high - low < max(1e-9 * max(abs(low), abs(high)), 1e-250)
-    require(not close, "the numbers are too close to search between them")
+    require(not close, "the numbers are too close together for a search")
     middle = low + (high - low) / 2
     return [low, high], int(middle) if getattr(declared, "integer", False) else middle
 
 
 def search_problems(study: Study) -> Iterator[Problem]:
-    """Yield a problem for each conflict between a search and the rest of its study."""
+    """Yield a problem for each conflict between a search and other keys of the study."""
     search: Search | None = study.search
     if search is None:
         return
@@ -544,6 +549,6 @@ def search_problems(study: Study) -> Iterator[Problem]:
         elif isinstance(extent, tuple) and not isinstance(value, Sweep) and not extent[0] <= value <= extent[1]:
             yield study.problem(key, f"{message} between {extent[0]:g} and {extent[1]:g}, its bounds")
     if study.report.published is not None:
-        yield study.problem("report.published", "is for sweeps: remove it from a search")
+        yield study.problem("report.published", "applies only to sweeps: remove it, or 'search'")
     if study.sample is not None:
         yield study.problem("sample", "cannot be combined with a search: remove one of them")

@@ -1,8 +1,8 @@
 """Define the blocks for sites, weather and operating limits, and read sites from tables and weather files.
 
-If a site is given as a weather file, the site data in the header of the file replace the file name before the study is
-checked. Examples are ``site: {file: x.epw}`` and ``sites: [{file: a.epw}, ...]``. Only the header of a weather file is
-part of the study's identity.
+If a site is given as a weather file, as in ``site: {file: x.epw}`` or ``sites: [{file: a.epw}, ...]``, the site data in
+the header of the file replace the file name before the study is checked. The study id therefore depends only on the
+site data in the header.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _LATITUDE = Quantity(
     "Geographic latitude, positive north", "deg", ge=-90, le=90, title="latitude", standard_name="latitude"
 )
 _LONGITUDE = Quantity(
-    "Geographic longitude, positive east; needed for the civil clock",
+    "Geographic longitude, positive east; required for the civil clock",
     "deg", ge=-180, le=180, title="longitude", standard_name="longitude",
 )  # fmt: skip
 _ALTITUDE = Quantity(
     "Height above sea level", "m", ge=-500, le=10_000, title="altitude", standard_name="altitude"
 )  # fmt: skip
 _TIMEZONE = TimeZone(
-    "Time zone: an offset such as +08:00, or an IANA name; needed for the civil clock if 'time' has no time zone"
+    "Time zone: an offset such as +08:00, or an IANA name; required for the civil clock if 'time' has no time zone"
 )  # fmt: skip
 _FILE = FileName("EPW, TMY3 or PSM weather file whose header supplies the omitted keys", sweep=False)
 
@@ -52,7 +52,7 @@ class Site(Block):
 
 
 class NamedSite(Block):
-    """One of several sites."""
+    """Site in a list of several sites."""
 
     name: Annotated[str, Text("Name of the site, used as its label in the result")]
     latitude: Annotated[float, replace(_LATITUDE, sweep=False)]
@@ -94,7 +94,7 @@ Sites = Annotated[
 
 
 def _of(model: str, title: str, default: str, unit: str, low: float, high: float) -> Quantity:
-    description = f"{title[0].upper()}{title[1:]} for the model {model} (default: {default})"
+    description = f"{title[0].upper()}{title[1:]} for the {model} model (default: {default})"
     return Quantity(description, unit, ge=low, le=high, title=title)
 
 
@@ -108,8 +108,8 @@ class ClearSky(Block):
             {
                 "ineichen": "Ineichen and Perez (2002), from the Linke turbidity",
                 "simplified_solis": "Ineichen (2008), from the aerosol optical depth and precipitable water",
-                "meinel": "Meinel and Meinel (1976): 1367 * 0.7^(AM^0.678) W/m2, with the air mass AM",
-                "ashrae": "ASHRAE (1972): A exp(-B / sin(elevation)), with A and B for each month",
+                "meinel": "Meinel and Meinel (1976): 1367 * 0.7^(AM^0.678) W/m2, where AM is the air mass",
+                "ashrae": "ASHRAE (1972): A exp(-B / sin(elevation)), with monthly values of A and B",
             },
             dimension="clear_sky_model",
             title="clear-sky model",
@@ -132,7 +132,7 @@ class ClearSky(Block):
         """Check that the clear-sky model uses the given atmospheric keys."""
         return when(
             *((getattr(self, key) is not None and model not in ends(self.model),
-               Fault(f"is only used for the model {model}; remove it", (key,))) for key, model in KEYS_OF.items())
+               Fault(f"is used only by the {model} model: remove it", (key,))) for key, model in KEYS_OF.items())
         )  # fmt: skip
 
 
@@ -155,8 +155,8 @@ class Weather(Block):
         str | Sweep | None,
         FileName(
             "Weather file: EPW, TMY3, SAM CSV (PSM of the NSRDB), PVGIS, CAMS, NASA POWER, Solargis, SolarAnywhere, "
-            "or CSV with columns of time, dni [W/m2] and optionally wind_speed [m/s]. For several 'sites', give one "
-            "file for each site, in the order of the sites, or one file for all sites",
+            "or a CSV file with columns for the time, dni [W/m2] and optionally wind_speed [m/s]. For several "
+            "'sites', give one file for each site, in the order of the sites, or one file for all sites",
             sweep=True, dimension="weather", title="weather file",
         ),
     ] = None  # fmt: skip
@@ -172,16 +172,16 @@ class Weather(Block):
         float | None,
         Quantity(
             (
-                "Offset that is added to the time of a row to obtain the instant of its sun position, instead of "
-                "label"
+                "Offset added to the time of a row to obtain the instant at which the sun position is computed; "
+                "replaces 'label'"
             ), "h", ge=-2, le=2, sweep=False
         ),
     ] = None  # fmt: skip
     timezone: Annotated[
         str | None,
         TimeZone(
-            "Time zone for times without an offset: an offset such as +08:00, or an IANA name (default: the zone in "
-            "the file)"
+            "Time zone of times that are written without a UTC offset: an offset such as +08:00, or an IANA name "
+            "(default: the zone in the file)"
         ),
     ] = None  # fmt: skip
     dni_factor: Annotated[
@@ -197,12 +197,12 @@ class Weather(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that keys for weather files are given only with a file."""
+        """Check that keys for weather files are given only with a file, and that `label` excludes `offset`."""
         return when(
             *((self.file is None and getattr(self, key) is not None,
                Fault("applies only to a weather file: remove it", (key,))) for key in ("label", "offset", "timezone")),
             (self.label is not None and self.offset is not None,
-             Fault("give either 'label' or 'offset'", ("offset",))),
+             Fault("give either 'label' or 'offset', not both", ("offset",))),
         )  # fmt: skip
 
 
@@ -226,7 +226,7 @@ class Limits(Block):
     ] = None  # fmt: skip
 
 
-#: Alternative column titles in a table of sites.
+#: Columns of a site table, with their alternative titles.
 _COLUMNS = {
     name: Column(getattr(NamedSite.parameter(name), "purpose", ""), name in ("name", "latitude"), names=names)
     for name, names in {
@@ -240,7 +240,7 @@ _COLUMNS = {
 
 
 def site_table(study: Study) -> tuple[NamedSite, ...]:
-    """Return the sites of a study in order. The tuple is empty if the study has a single ``site``.
+    """Return the named sites of a study in order. The tuple is empty if the study has a single ``site``.
 
     Raises
     ------
@@ -277,7 +277,7 @@ def _table(study: Study, sites: SiteFile) -> Table:
 
 
 def site_notes(study: Study) -> Iterator[Problem | str]:
-    """Yield a problem for each repeated name of a site, and a warning for unused columns of the table of sites."""
+    """Yield a problem for each duplicate site name, and a warning for unused columns of the site table."""
     sites: Any = getattr(study, "sites", None)
     if isinstance(sites, SiteFile) and (unused := _table(study, sites).unused()):
         yield f"{sites.file}: ignored columns: {few_of(unused)}"
@@ -302,7 +302,7 @@ def with_inputs(study: Study) -> Study:
 
 
 def civil_clock_problems(study: Study) -> Iterator[Problem]:
-    """Yield a problem for each site without a longitude, and a problem if the civil clock has no time zone."""
+    """Yield the problems of a study with a civil clock: missing longitudes and a missing time zone."""
     single: Any = getattr(study, "site", None)
     places = [("site", single)] if single is not None else []
     places += [(f"sites[{number}]", site) for number, site in enumerate(site_table(study))]
@@ -315,9 +315,9 @@ def civil_clock_problems(study: Study) -> Iterator[Problem]:
 
 
 def with_weather_sites(source: Source, problems: list[Problem]) -> Source:
-    """Replace weather files in the sites of a study by the site data in their headers.
+    """Replace the weather files of sites with the site data in the file headers.
 
-    Problems with weather files are added to `problems`. A dummy site replaces each invalid weather file.
+    Problems with weather files are added to `problems`. Each invalid weather file is replaced with a dummy site.
     """
     site, sites = source.data.get("site"), source.data.get("sites")
     new: dict[str, Any] = {}
@@ -336,7 +336,7 @@ def _filled(source: Source, entry: Any, place: Path, problems: list[Problem]) ->
     """Return the site data in the header of an entry's weather file. Keys of the entry override the header data."""
     if not (isinstance(entry, dict) and "file" in entry):
         return entry
-    # Use a dummy site, so that no further problems are reported.
+    # Use a dummy site to avoid reporting consequential problems.
     site: dict[str, Any] = {"name": f"site {place}", "latitude": 0.0, "longitude": 0.0, "timezone": "+00:00"}
     name, message = entry["file"], ""
     try:

@@ -1,4 +1,4 @@
-"""Model of a study: blocks, swept parameters and study id; description of its keys as JSON Schema or in words."""
+"""Define the study model (blocks, swept parameters and study id), and describe its keys as JSON Schema or text."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from heliosweep.config.values import (
 from heliosweep.errors import Problem, StudyError
 from heliosweep.files import PVLIB, named_in, seen_from
 
-#: Maximum size of an input file of a study. [bytes]
+#: Maximum size of an input file. [bytes]
 MAX_BYTES = 512 * 2**20
 
 
@@ -66,13 +66,13 @@ class Dimension:
 class Study(Block):
     """A validated study. Each family derives a class that sets `family` to ``Literal["its name"]`` and adds blocks."""
 
-    #: Keys that do not affect the numbers of a result and are therefore not part of the study's identity.
+    #: Keys that do not affect the numerical results and therefore do not affect the study id.
     DOES_NOT_MATTER: ClassVar = ("title", "description", "references", "dataset", "execution", "output", "report")
 
     family: Annotated[str, Text("Name of the study family")]
     include: Annotated[
         str | None,
-        FileName("Study file that this file extends; keys in this file override or extend its keys", sweep=False),
+        FileName("Study file to include; keys in this file are merged with its keys and take precedence", sweep=False),
     ] = None
     title: Annotated[str, Text("Title of the study, shown in results and reports")] = ""
     description: Annotated[str, Text("Purpose of the study, in a few sentences")] = ""
@@ -124,11 +124,11 @@ class Study(Block):
             if isinstance(value, Drawn) and value.cut:
                 ends = " to ".join(f"{end:.6g}" if abs(end) > 1e-300 else "0" for end in value.parts[2:])
                 found[
-                    f"{key}: {value.cut:.1g} of the normal draws would be out of bounds; the distribution is "
-                    f"truncated to {ends}"
+                    f"{key}: a fraction of {value.cut:.1g} of the normal draws would be out of bounds; the "
+                    f"distribution is truncated to {ends}"
                 ] = None
         if self.execution.device == "cuda" and getattr(self, "optics", None) is None:
-            found[self.problem("execution.device", "needs a field with 'optics': remove it")] = None
+            found[self.problem("execution.device", "requires a field with 'optics': remove it")] = None
         for examine in self.examinations():
             try:
                 for one in examine(self):
@@ -138,7 +138,7 @@ class Study(Block):
         return tuple(found)
 
     def check(self) -> Iterable[Problem]:
-        """Return the conflicts between blocks and the problems with files, if every block is valid."""
+        """Return the conflicts between blocks and the problems with files. Every block must be valid."""
         return [one for one in self._findings if isinstance(one, Problem)]
 
     def notes(self) -> Iterable[str]:
@@ -147,11 +147,11 @@ class Study(Block):
 
     @property
     def source(self) -> Source:
-        """Contents of the study file, with its path and its folder."""
+        """Contents of the study file, with the path of the file."""
         return self._source
 
     def resolve(self, name: str) -> pathlib.Path:
-        """Return the path of a file of the study. Relative names start at the folder of the study file."""
+        """Return the path of a file of the study. The name may be relative to the folder of the study file."""
         return named_in(self._source.directory, name)
 
     def problem(self, key: str, message: str) -> Problem:
@@ -171,7 +171,7 @@ class Study(Block):
         Returns
         -------
         Study
-            New study with its own id. Relative file names start at the folder of the original study file.
+            New study with its own id. File names are relative to the folder of the original study file.
 
         Raises
         ------
@@ -188,7 +188,7 @@ class Study(Block):
         return get_args(cls.model_fields["family"].annotation)[0]
 
     def parameters(self) -> tuple[tuple[str, Parameter, Any], ...]:
-        """Return the dotted key, declaration and value of each given parameter, in the order of declaration."""
+        """Return the dotted key, declaration and value of each specified parameter, in the order of declaration."""
         given: tuple[tuple[str, Parameter, Any], ...] = self.__dict__.get("_given") or tuple(parameters(self))
         self.__dict__["_given"] = given  # cached, because each chunk needs the parameters; copies drop the cache
         return given
@@ -202,7 +202,7 @@ class Study(Block):
         }
 
     def dimension_names(self) -> dict[str, str]:
-        """Return the name of the dimension of each swept parameter, by dotted key, before keys are tied by `zip`."""
+        """Return the dimension name of each swept parameter by dotted key, without regard to `zip`."""
         declared = {key: parameter for key, parameter, _ in self.parameters()}
         return {key: declared[key].dimension or key.rpartition(".")[2] for key in self.sweeps()}
 
@@ -213,7 +213,7 @@ class Study(Block):
         return [[key_of[entry] for entry in group] for group in self.zip]
 
     def dimensions(self) -> list[Dimension]:
-        """Return the dimensions of the grid, with tied keys, in the order of :meth:`sweeps`; `sample` is last."""
+        """Return the grid dimensions in the order of :meth:`sweeps`, with tied keys combined and `sample` last."""
         sweeps, names = self.sweeps(), self.dimension_names()
         tied = {key: group for group in self.tied_keys() for key in group}
         groups: dict[str, list[str]] = {}
@@ -228,14 +228,14 @@ class Study(Block):
         return {key: ends(value) for key, parameter, value in self.parameters() if isinstance(parameter, FileName)}
 
     def reserved_names(self) -> frozenset[str]:
-        """Return the reserved names of the result. A layout column with such a name becomes ``layout_NAME``."""
+        """Return the names reserved in the result. A layout column with a reserved name becomes ``layout_NAME``."""
         return frozenset()
 
     def canonical(self) -> dict[str, Any]:
-        """Return the inputs that determine numbers and labels of the result, independent of notation.
+        """Return the inputs that determine the numbers and labels of the result, independent of their notation.
 
-        File contents replace file names. File names, without folders, are included only if files are swept, because
-        swept file names label the result.
+        Each file name is replaced with a digest of the file contents. If files are swept, the file names without
+        folders are also included, because they label the result.
 
         Raises
         ------
@@ -264,7 +264,7 @@ class Study(Block):
 
     @property
     def study_id(self) -> str:
-        """Twelve hexadecimal digits of the SHA-256 of :meth:`canonical`."""
+        """First twelve hexadecimal digits of the SHA-256 digest of :meth:`canonical`."""
         return id_of(self.canonical())
 
     def resolved(self, place_of: Callable[[str], str] = str) -> dict[str, Any]:
@@ -296,13 +296,13 @@ class Study(Block):
         return yaml_text(self.resolved(place_of))
 
     def seen_from(self, folder: pathlib.Path, name: str) -> str:
-        """Return the name of a file of the study relative to a folder. Names of pvlib's files are not changed."""
+        """Return the name of a file of the study relative to a folder. Names of pvlib files are not changed."""
         if name.startswith(PVLIB):
             return name
         return seen_from(folder, self.resolve(name))
 
     def _digest(self, key: str, name: str) -> str:
-        """Return the SHA-256 of a table (without line ends, empty lines and comments) or of a complete binary file."""
+        """Return the SHA-256 digest of a binary file, or of a table without line endings, empty lines and comments."""
         try:
             path, digest, separator = self.resolve(name), hashlib.sha256(), b""
             with path.open("rb") as file:
@@ -330,7 +330,7 @@ def id_of(canonical: Mapping[str, Any]) -> str:
 
 
 def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter, Any]]:
-    """Yield the dotted key, declaration and value of each given parameter, in the order of declaration."""
+    """Yield the dotted key, declaration and value of each specified parameter, in the order of declaration."""
     for name in type(block).model_fields:
         value, parameter = getattr(block, name), type(block).parameter(name)
         if value is None:
@@ -346,15 +346,15 @@ def parameters(block: Block, prefix: str = "") -> Iterator[tuple[str, Parameter,
 
 
 def replaced(block: Any, key: str, value: Any) -> Any:
-    """Return a copy of a block with a new value of a dotted key. The value is not checked."""
+    """Return a copy of a block with a new value for a dotted key. The value is not checked."""
     name, _, rest = key.partition(".")
     return block.model_copy(update={name: replaced(getattr(block, name), rest, value) if rest else value})
 
 
 def plain(value: Any, rewrite: Callable[[Parameter | None, Any], Any] = lambda _, entry: entry) -> Any:
-    """Return a block or value as plain data for a study file; unset keys are omitted.
+    """Return a block or value as plain data for a study file. Unset keys are omitted.
 
-    `rewrite` takes the declaration of a field and its value, and returns the replacement.
+    `rewrite` maps the declaration of a field and its value to the value to write.
     """
     if isinstance(value, Block):
         declared = type(value)
@@ -377,7 +377,7 @@ def yaml_text(content: Mapping[str, Any]) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML writer for the strict reader, without aliases and with quotes around strings that look like numbers."""
+    """YAML writer without aliases, which quotes strings that the strict reader would convert to other types."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -394,7 +394,7 @@ _Dumper.add_representer(str, _text)
 def json_schema(study_class: type[Study]) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a family's study files, with units and descriptions, for text editors.
 
-    The schema requires no key, because searches and included files may supply keys. `load` reports missing keys.
+    No key is required in the schema, because searches and included files may supply keys. `load` reports missing keys.
     """
     schema = study_class.model_json_schema(schema_generator=_StudySchema)
     for block in (schema, *schema["$defs"].values()):
@@ -404,7 +404,7 @@ def json_schema(study_class: type[Study]) -> dict[str, Any]:
 
 
 class _StudySchema(GenerateJsonSchema):
-    """Schema generator that omits null and missing defaults, because study files do not contain such values."""
+    """Schema generator that omits null values and null defaults, because study files do not contain them."""
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
@@ -417,14 +417,14 @@ class _StudySchema(GenerateJsonSchema):
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a study file.
+    """Description of a key of a study file.
 
     Parameters
     ----------
     name : str
         Dotted key, with ``[]`` instead of the index of a list entry.
     meaning, unit : str
-        Description of the key, and the unit of numbers written without a unit.
+        Meaning of the key, and the unit of numbers written without a unit.
     options : tuple of (str, str)
         Allowed names with their meanings.
     value, default : str
@@ -436,7 +436,7 @@ class Key:
     sampled : bool
         True if the values are instants over which results are averaged.
     only : str
-        Kinds of the block that have this key; empty if every kind of the block has it.
+        Kinds of the block that contain this key; empty if all kinds contain the key.
     """
 
     name: str

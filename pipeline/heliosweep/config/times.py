@@ -1,4 +1,6 @@
-"""The `time` block (instants on the solar, civil or weather clock, or sun directions), and time zone conversions.
+"""Define the `time` block, and convert times between time zones.
+
+The block specifies instants on the solar, civil or weather clock, or sun directions.
 
 The package `tzdata` supplies all named time zones. Time zone files of the operating system are not used, because they
 differ between machines.
@@ -38,13 +40,13 @@ from heliosweep.config.values import (
 )
 
 zoneinfo.reset_tzpath(to=())
-#: A fixed offset from universal time, such as ``+08:00``.
+#: Pattern of a fixed offset from universal time, such as ``+08:00``.
 OFFSET = re.compile(r"[+-]([0-9]{2}):([0-9]{2})")
 
 
 @cache
 def zone_names() -> frozenset[str]:
-    """Return the names of all time zones, including older names."""
+    """Return the names of all time zones, including obsolete names."""
     return frozenset(zoneinfo.available_timezones())
 
 
@@ -61,7 +63,7 @@ def offset_text(hours: float) -> str:
 
 
 def suggestion(text: str) -> str:
-    """Return similar offsets or time zones for an unknown name, such as ``UTC+2`` or ``Berlin``; empty if none."""
+    """Return offsets or time zones similar to an unknown name, such as ``UTC+2`` or ``Berlin``; empty if none."""
     loose = r"(?:UTC|GMT)? *([+\u2212-]?) *([0-9]{1,2})(?::?([0-5][0-9]))? *h?"
     if (found := re.fullmatch(loose, text.strip(), re.IGNORECASE)) and int(found[2]) <= 14:
         hours = int(found[2]) + int(found[3] or 0) / 60
@@ -74,20 +76,20 @@ def suggestion(text: str) -> str:
 
 
 def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.datetime64]:
-    """Convert a series of times on the wall clock to universal time.
+    """Convert a series of wall-clock times to universal time.
 
     Parameters
     ----------
     walls : ndarray of datetime64[s], shape (n,)
-        Times on the wall clock, in the order of the file.
+        Wall-clock times, in the order of the file.
     zone : datetime.tzinfo
         Time zone from `parse_timezone`.
 
     Returns
     -------
     ndarray of datetime64[s], shape (n,)
-        Universal time. If the clock is set back, the second row with the same wall time is the later instant. For a
-        time that the clock skips, the offset before the change is used.
+        Universal time. If a wall-clock time occurs twice because the clock is set back, the second row is the later
+        instant. For a time that the clock skips, the offset before the change is used.
     """
     if isinstance(zone, dt.timezone):
         return walls - np.timedelta64(zone.utcoffset(None), "s")
@@ -102,15 +104,15 @@ def wall_to_utc(walls: NDArray[np.datetime64], zone: dt.tzinfo) -> NDArray[np.da
 
 
 def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime, bool]:
-    """Convert a time on the wall clock to universal time, and check that the clock shows this time.
+    """Convert a wall-clock time to universal time, and check that the time exists.
 
-    If the clock is set back and an hour occurs twice, the first occurrence is used. If the clock is set forward and
+    If the clock is set back and the time occurs twice, the first occurrence is used. If the clock is set forward and
     skips the time, the result is the instant of the change.
 
     Parameters
     ----------
     date : datetime.date
-        Date on the wall clock.
+        Local date.
     seconds : float
         Wall-clock time since midnight in seconds, at most 86,400, a multiple of 1 microsecond.
     zone : datetime.tzinfo
@@ -139,23 +141,23 @@ def to_utc(date: dt.date, seconds: float, zone: dt.tzinfo) -> tuple[dt.datetime,
 Sampling = Annotated[
     str,
     Choice(
-        "Rule for the instants that represent a range of hours or a window",
+        "Instants that represent the steps of a range of hours or a window",
         {
-            "inclusive": "every step, including both ends",
-            "left": "the start of every step",
-            "midpoint": "the middle of every step",
+            "inclusive": "the start of each step and the end of the last step",
+            "left": "the start of each step",
+            "midpoint": "the middle of each step",
         },
         sweep=False,
     ),
 ]
-#: First and last year in which dates are allowed. Nanosecond timestamps and the accuracy of sun positions limit the
-#: range.
+#: First and last year of allowed dates. The range is limited by nanosecond timestamps and by the accuracy of sun
+#: positions.
 FIRST_YEAR, LAST_YEAR = 1700, 2200
-_DAYS = Quantity("Days between dates", "d", ge=1, integer=True, sweep=False)
+_DAYS = Quantity("Number of days between dates", "d", ge=1, integer=True, sweep=False)
 
 
 class SolarTime(Block):
-    """Days and hours on the solar clock, on which the sun culminates at 12 h."""
+    """Days and hours on the solar clock, where the sun culminates at 12 h."""
 
     clock: Literal["solar"]
     declination: Annotated[
@@ -197,13 +199,13 @@ class SolarTime(Block):
 
 @dataclass(frozen=True)
 class DateList:
-    """Calendar dates in order."""
+    """Ordered calendar dates."""
 
     items: tuple[dt.date, ...]
 
     @property
     def step(self) -> int:
-        """Days between evenly spaced dates; 0 if dates are not evenly spaced."""
+        """Number of days between evenly spaced dates; 0 if the dates are not evenly spaced."""
         steps = {(after - before).days for before, after in pairwise(self.items)}
         return max(*steps, 0) if len(steps) == 1 else 0
 
@@ -238,7 +240,7 @@ def wall_time(raw: Any) -> str:
     """Return a time of day on the wall clock as ``HH:MM`` or ``HH:MM:SS``. Raises Invalid."""
     match = re.fullmatch(r"([0-9]{1,2}):([0-9]{2})(?::([0-9]{2}))?", raw) if isinstance(raw, str) else None
     if match is None:
-        sunlit = "; 'sunrise' and 'sunset' are for dish_tracking" * (raw in ("sunrise", "sunset"))
+        sunlit = "; 'sunrise' and 'sunset' are allowed only in dish_tracking" * (raw in ("sunrise", "sunset"))
         raise Invalid(f"must be a time of day such as '07:00'{sunlit}")
     hours, minutes, seconds = (int(part or 0) for part in match.groups())
     valid = minutes < 60 and seconds < 60 and (hours, minutes, seconds) <= (24, 0, 0)
@@ -287,7 +289,7 @@ class Window(Block):
 
 
 class CivilTime(Block):
-    """Dates and a daily window on the clock of a time zone."""
+    """Dates and a daily time window in a given time zone."""
 
     clock: Literal["civil"]
     timezone: Annotated[
@@ -305,11 +307,11 @@ class CivilTime(Block):
         return when((self.sampling != "inclusive" and uneven, _uneven(self.sampling, ("window", "step"))))
 
     def date_list(self) -> list[dt.date]:
-        """Return all dates."""
+        """Return the dates as a list."""
         return list(self.dates.items)
 
     def window_seconds(self) -> tuple[float, float, float]:
-        """Return the start and end of the window, in seconds after midnight on the wall clock, and its step. [s]"""
+        """Return the start and the end of the window (wall-clock seconds after midnight), and the step [s]."""
         return seconds_of(self.window.start), seconds_of(self.window.stop), self.window.step * 3600
 
 
@@ -317,7 +319,7 @@ Time = Annotated[SolarTime | CivilTime, Field(discriminator="clock", description
 
 
 class SunDirections(Block):
-    """Sun directions instead of instants. The directions may be swept; each direction is a point of the result."""
+    """Sun directions instead of instants. If the directions are swept, each direction is a point of the result."""
 
     clock: Literal["sun"]
     azimuth: Annotated[
@@ -358,7 +360,7 @@ def seconds_of(wall_time: str) -> float:
 
 
 def _uneven(sampling: str, path: tuple[str, ...]) -> Fault:
-    return Fault(f"must divide the window into whole steps for the sampling '{sampling}'", path)
+    return Fault(f"must divide the window into a whole number of steps for the sampling '{sampling}'", path)
 
 
 def _date(raw: Any) -> dt.date:
@@ -367,9 +369,9 @@ def _date(raw: Any) -> dt.date:
         try:
             date = dt.date.fromisoformat(raw)
         except ValueError:
-            raise Invalid("is not a date of the calendar") from None
-    require(isinstance(date, dt.date), "must be a date YYYY-MM-DD")
+            raise Invalid("is not a calendar date") from None
+    require(isinstance(date, dt.date), "must be a date in the form YYYY-MM-DD")
     midnight = not isinstance(raw, dt.datetime) or raw.time() == dt.time()
     require(midnight, "must be a date without a time of day")
-    require(FIRST_YEAR <= date.year <= LAST_YEAR, f"must be a date of the years {FIRST_YEAR} to {LAST_YEAR}")
+    require(FIRST_YEAR <= date.year <= LAST_YEAR, f"must be in the years {FIRST_YEAR} to {LAST_YEAR}")
     return date

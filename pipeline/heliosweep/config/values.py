@@ -1,4 +1,4 @@
-"""Read, check and describe the values of a study file, with their units and sweeps.
+"""Read, check and describe the values in a study file, including units and sweeps.
 
 Swept values are written as a list ``[0, 15, 30]``, a range ``{start, stop, step}`` or ``{start, stop, num}``, a
 geometric range ``{logspace: {start, stop, num}}``, or a distribution ``{normal: [11, 0.02]}``.
@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 #: Maximum number of values in a sweep.
 MAX_POINTS = 10**6
 _FORMS = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
-_ON_STEP = Fraction("1e-9")  # maximum distance between stop and last step that counts as rounding, in steps
-#: Message for a list with equal values.
+_ON_STEP = Fraction("1e-9")  # maximum rounding error of the distance from the last step to `stop` [steps]
+#: Message for a list with duplicate values.
 TWICE = "the list contains the same value twice"
 ReadNumber = Callable[[Any], float]
 #: A number in the canonical unit of the key, or a string with a unit such as ``"1.2 mrad"``.
@@ -60,16 +60,16 @@ Swept: TypeAlias = "dict[str, Number | dict[str, Number]]"
 
 
 class Sweep:
-    """Values of a swept key, in order: an array of numbers, or a tuple of names.
+    """Ordered values of a swept key: an array of numbers, or a tuple of names.
 
     Parameters
     ----------
     values : sequence of float or of str
-        The values.
+        Values of the key.
     form : dict, optional
-        Compact form of a range, ``{start, stop, num}`` or ``{logspace: {start, stop, num}}``, or None for a list.
+        Compact form of a range, ``{start, stop, num}`` or ``{logspace: {start, stop, num}}``; None for a list.
     reaches : bool
-        False if the last value lies before the stop given by the user.
+        False if the last value is not the `stop` specified by the user.
     """
 
     def __init__(self, values: Any, form: dict[str, Any] | None = None, *, reaches: bool = True) -> None:
@@ -87,7 +87,7 @@ class Sweep:
         return hash(str(self.spec()))
 
     def __getitem__(self, index: int | slice) -> Any:
-        """Return the value at an index (float or str). For a slice, return an array of numbers or a tuple of names."""
+        """Return a float or str for an index, and an array of numbers or a tuple of names for a slice."""
         found = self.values()[index]
         return found if isinstance(index, slice) or isinstance(found, str) else float(found)
 
@@ -108,7 +108,7 @@ class Sweep:
         return self.items() if self.form is None else (self[0], self[-1])
 
     def spec(self) -> list[Any] | dict[str, Any]:
-        """Return the sweep as plain data for a study file, in the compact form if possible."""
+        """Return the sweep as plain data for a study file, in the compact form for a range."""
         return list(self.items()) if self.form is None else self.form
 
 
@@ -120,7 +120,7 @@ def ends(value: Any) -> tuple[Any, ...]:
 def even_range(start: float, stop: float, num: int, *, reaches: bool = True) -> Sweep:
     """Return `num` evenly spaced values from `start` to `stop`, including both.
 
-    Values are computed by exact decimal arithmetic and rounded once. For example, 41 values from 8 to 16
+    Values are computed exactly and rounded once, unless they have too many digits. For example, 41 values from 8 to 16
     include 8.6, not 8.600000000000001.
     """
     first, last = _fraction(start), _fraction(stop)
@@ -152,7 +152,7 @@ def as_range(sweep: Sweep) -> Sweep:
 
 
 def _fraction(number: float) -> Fraction:
-    """Return the exact fraction of the shortest decimal that rounds to a float: 0.1 is 1/10."""
+    """Convert the shortest decimal representation of a float to an exact fraction: 0.1 becomes 1/10."""
     return Fraction(repr(number))
 
 
@@ -183,7 +183,7 @@ def read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
         begin, step = _fraction(start), _fraction(values["step"])
         steps, sign = (_fraction(stop) - begin) / step, "positive" if stop > start else "negative"
         require(steps >= 0, f"has the wrong sign: from {start:.12g} to {stop:.12g} it must be {sign}", "step")
-        many = f"gives more than {MAX_POINTS:,} values: check that the step is not too small"
+        many = f"results in more than {MAX_POINTS:,} values: check that the step is not too small"
         require(steps < MAX_POINTS, many, "step")
         num = int(steps + _ON_STEP) + 1
         reaches = abs(steps - (num - 1)) <= _ON_STEP
@@ -193,7 +193,7 @@ def read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
     if num > 1:
         require(start != stop, "must differ from start if there is more than one value", "stop")
         fine = abs(stop - start) / (num - 1) < math.ulp(max(abs(start), abs(stop)))
-        require(not fine, "the steps are finer than the precision of numbers", *(counts.keys() & raw.keys()))
+        require(not fine, "the steps are smaller than the floating-point precision", *(counts.keys() & raw.keys()))
     if not geometric:
         return even_range(start, stop, num, reaches=reaches)
     low, high = math.log10(abs(start)), math.log10(abs(stop))
@@ -210,23 +210,23 @@ def read_mapping(
     *,
     exactly: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Read a mapping of known keys.
+    """Read a mapping that may contain only known keys.
 
     Parameters
     ----------
     raw : mapping
-        The mapping in the study file.
+        Mapping in the study file.
     readers : mapping of str to callable
-        Functions that return the value of each known key, or raise Invalid.
+        Function for each known key that returns its value or raises Invalid.
     required, exactly : sequence of str
-        Required keys, and keys of which exactly one must be given.
+        Required keys, and mutually exclusive keys, exactly one of which is required.
     form : str
         Description of the mapping in messages.
 
     Raises
     ------
     Invalid
-        If an entry is invalid. Each fault is located at the key of the entry.
+        If a key is unknown or missing, or if a value is invalid. Each fault is located at its key.
     """
     require(isinstance(raw, Mapping), f"must be a mapping: {form}")
     faults, meant = list[Fault](), set[str | None]()
@@ -252,7 +252,7 @@ def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int |
     Parameters
     ----------
     start, stop : float or str
-        First and last value, in the unit of the key, or with a unit (``"38 ft"``).
+        First and last values: numbers in the unit of the key, or strings with a unit (``"38 ft"``).
     step : float or str, optional
         Distance between successive values.
     num : int, optional
@@ -261,7 +261,7 @@ def sweep(start: Number, stop: Number, *, step: Number | None = None, num: int |
     Returns
     -------
     dict
-        A range ``{start, stop, step}`` or ``{start, stop, num}``, to be checked by `study`.
+        Range ``{start, stop, step}`` or ``{start, stop, num}``, which `study` checks.
 
     Examples
     --------
@@ -278,15 +278,15 @@ def logspace(start: Number, stop: Number, num: int) -> Swept:
     Parameters
     ----------
     start, stop : float or str
-        First and last value, with the same sign, in the unit of the key or with a unit. As in numpy.geomspace, both
-        ends are values, not exponents.
+        First and last values with the same sign: numbers in the unit of the key, or strings with a unit. Both are
+        values, not exponents, as in numpy.geomspace.
     num : int
         Number of values.
 
     Returns
     -------
     dict
-        A geometric range ``{logspace: {start, stop, num}}``, to be checked by `study`.
+        Geometric range ``{logspace: {start, stop, num}}``, which `study` checks.
 
     Examples
     --------
@@ -309,25 +309,26 @@ PARTS = {
 }
 KINDS = (*PARTS, DISCRETE)
 RANGE_KEYS = ("start", "stop", "step", "num", "logspace")
-#: Minimum distance of a draw's probability from 0 and from 1: half a step of the 30-bit sequences. [1]
+#: Minimum distance of the probability of a draw from 0 and 1: half a step of the 30-bit sequences. [1]
 LEAST = 2.0**-31
-#: Probability outside the bounds of a key below which a normal distribution is truncated to these bounds. [1]
+#: Maximum probability outside the bounds of a key for which a normal distribution is truncated to the bounds. [1]
 CUT = 1e-6
 
 
 class Drawn(Sweep):
     """Values of a drawn key along the dimension ``sample``.
 
-    Before the design is assigned, the values are only the minimum and maximum.
+    Until a design is assigned, `values` returns only the minimum and the maximum of the draws, or all names.
 
     Parameters
     ----------
     kind : str
-        One of the distributions of `PARTS`, or ``discrete``.
+        One of the distributions in `PARTS`, or ``discrete``.
     parts : tuple of float
-        The parameters in `PARTS`, in the canonical unit of the key; for ``discrete``, the values, which may be names.
+        Distribution parameters in the order of `PARTS` and in the canonical unit of the key. For ``discrete``, the
+        numbers or names to draw from.
     weights : tuple of float
-        Probability of each value of ``discrete``.
+        Probability of each value, for ``discrete`` only.
     cut : float
         Probability outside the bounds of the key before truncation of a normal distribution.
     """
@@ -358,7 +359,7 @@ class Drawn(Sweep):
         if self.kind not in (NORMAL, LOGNORMAL):
             own = self.parts[2:] if self.kind == TRUNCATED else self.parts
             return min(own), max(own)
-        # maximum deviation of a draw in standard deviations, from `LEAST`
+        # `LEAST` limits a draw to 6.121 standard deviations from the mean
         first, reach = self.parts[0], self.parts[1] * 6.121
         return (
             (first - reach, first + reach)
@@ -378,7 +379,7 @@ class Drawn(Sweep):
         return sum(mass for mass in tails if mass > LEAST)
 
     def quantile(self, probability: NDArray[np.float64]) -> NDArray[Any]:
-        """Return the quantiles at given probabilities. Names are in the order of the study file."""
+        """Return the quantiles at the given probabilities. Names are ordered as in the study file."""
         if self.kind == DISCRETE:
             values = np.array(self.parts, object if isinstance(self.parts[0], str) else float)
             return values[np.searchsorted(np.cumsum(self.weights)[:-1], probability, side="right")]
@@ -408,7 +409,7 @@ class Drawn(Sweep):
         return f"{self.kind.replace('_', ' ')}: {', '.join(named)}"
 
 
-#: Checks of distribution parameters, each with distributions, condition, index of the invalid parameter, and message.
+#: Checks of distribution parameters: the distributions, the condition, the index of the invalid parameter, the message.
 _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, str], ...] = (
     ((LOGNORMAL,), lambda v: v[0] > 0, 0, "the median must be greater than 0"),
     ((UNIFORM, TRIANGULAR), lambda v: v[0] < v[-1], 0, "the minimum must be less than the maximum"),
@@ -423,7 +424,7 @@ _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, st
         (TRUNCATED,),
         lambda v: max(v[2] - v[0], v[0] - v[3]) <= 6 * v[1],
         2,
-        "the limits are more than six standard deviations from the mean",
+        "both limits are on the same side of the mean, more than six standard deviations away",
     ),
 )
 
@@ -444,14 +445,14 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
     values = found["values"]
     weights = found.get("weights", (1 / len(values),) * len(values))
     twice = len(set(values)) < len(values)
-    require(not twice, "contains a value twice: add the weights", "values", show_value=False)
-    require(len(weights) == len(values), f"must have the same number as the values, {len(values)}", "weights")
+    require(not twice, "contains a value twice: combine its weights", "values", show_value=False)
+    require(len(weights) == len(values), f"must be as long as the list of values, {len(values)}", "weights")
     require(abs(sum(weights) - 1) <= 1e-9, f"must sum to 1, not to {sum(weights):.10g}", "weights")
     return Drawn(DISCRETE, values, weights)
 
 
 _DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
-# Decimal factors from each unit to the first unit of its kind, so that "38 ft" is exactly 11.5824 m.
+# Decimal factors that convert each unit to the first unit of its kind. Decimals make "38 ft" exactly 11.5824 m.
 _KINDS: dict[str, dict[str, Any]] = {
     "a length": {"m": 1, "mm": "0.001", "cm": "0.01", "km": 1000, "in": "0.0254", "ft": "0.3048"},
     "an angle": {
@@ -482,7 +483,7 @@ def parse(text: str, unit: str) -> float:
     if match is None:
         clock = re.fullmatch(r"\s*([0-9]{1,2}):([0-9]{2})\s*", text)
         hints = {
-            "; decimals need a point, not a comma": re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+\s*\D*", text),
+            "; use a decimal point, not a comma": re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+\s*\D*", text),
             f"; '{text.strip()}' is {int(clock[1]) + int(clock[2]) / 60 if clock else 0:g} h": clock and unit == "h",
             "; a range is {start, stop, step} or {start, stop, num}": (
                 not clock and re.search(r"[0-9]\s*:\s*[-+0-9]|range|linspace", text)
@@ -512,8 +513,8 @@ def factor(given: str, wanted: str) -> float:
     return float(Decimal(_KINDS[UNITS[given]][given]) / Decimal(_KINDS[UNITS[given]][wanted]))
 
 
-#: Maximum seed, and maximum number of draws. Larger seeds are not exact as floats, so different seeds could become
-#: equal.
+#: Maximum seed, and maximum number of draws. Larger seeds cannot be represented exactly as floats, so different seeds
+#: could become equal.
 MAX_SEED, MAX_SAMPLES = 2**53 - 1, 10**9
 Schema = dict[str, Any]
 
@@ -525,10 +526,10 @@ class Parameter:
     Parameters
     ----------
     description : str
-        Meaning of the value, with its zero and sign convention.
+        Meaning of the value, with its zero point and sign convention.
     sweep : bool
-        True if a list (for numbers, also a range or a distribution) can replace the value. The parameter is then a
-        dimension of the result.
+        True if the value may be swept by a list or, for numbers, also by a range or a distribution. A swept parameter
+        is a dimension of the result.
     dimension : str
         Name of the dimension of a swept value; empty to use the name of the key.
     title, standard_name : str
@@ -543,7 +544,7 @@ class Parameter:
 
     @property
     def purpose(self) -> str:
-        """Description, with the unit if there is one."""
+        """Description of the value, with its unit if there is one."""
         return self.description
 
     #: Types of swept values.
@@ -566,7 +567,7 @@ class Parameter:
         return Sweep(read_items(raw, self._one))
 
     def _drawn(self, raw: Any) -> Any:
-        form = "names are drawn by {discrete: {values: [...], weights: [...]}}"
+        form = "names are drawn from {discrete: {values: [...], weights: [...]}}"
         return read_mapping(raw, {DISCRETE: partial(_discrete, read=self._one)}, (DISCRETE,), form)[DISCRETE]
 
     def json_schema(self) -> Schema:
@@ -584,7 +585,7 @@ class Parameter:
         return {"type": "string", "minLength": 1}
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Make pydantic use only :meth:`read`, regardless of the type in the annotation."""
+        """Make pydantic call only :meth:`read`, regardless of the annotated type."""
 
         def read(raw: Any) -> Any:
             try:
@@ -599,7 +600,7 @@ class Parameter:
 
 
 def list_schema(one: Mapping[str, Any]) -> Schema:
-    """Return the JSON Schema of a list of distinct values."""
+    """Return the JSON Schema of a non-empty list of values."""
     return {"type": "array", "items": one, "minItems": 1, "description": "Swept: a list"}
 
 
@@ -619,7 +620,7 @@ def free_text(raw: Any) -> str:
 
 @dataclass(frozen=True)
 class Text(Parameter):
-    """Text on one or more lines, optionally in a required form.
+    """Text, optionally in a required form.
 
     Parameters
     ----------
@@ -674,7 +675,7 @@ class Choice(Parameter):
 
     @property
     def purpose(self) -> str:
-        """Description of the choice, with the meaning of each name."""
+        """Description of the choice, including the meaning of each name."""
         if not isinstance(self.options, Mapping):
             return self.description
         return f"{self.description} ({'; '.join(f'{name}: {meaning}' for name, meaning in self.options.items())})"
@@ -697,15 +698,15 @@ class Quantity(Parameter):
     Parameters
     ----------
     unit : str
-        Canonical unit from the table in this module; ``"1"`` for pure numbers.
+        Canonical unit, one of `UNITS`; ``"1"`` for pure numbers.
     ge, gt, le, lt : float, optional
         Bounds, in `unit`.
     integer : bool
         True if the number must be an integer. The value is then an int.
     only : tuple of int, optional
-        Allowed numbers.
+        Allowed numbers, if only a few are allowed.
     repeats : bool
-        True if a list tied by `zip` to another key may contain a value twice.
+        True if a list may contain the same value twice when `zip` ties it to another key.
     """
 
     unit: str
@@ -741,7 +742,7 @@ class Quantity(Parameter):
             "start": self._one,
             "stop": self._one,
             "num": int,
-        }  # the values of a range are monotonic
+        }  # it is sufficient to check both ends, because a range is monotonic
         geometric = partial(read_mapping, readers=ends, required=(), form="")
         read_mapping(sweep.form, {**ends, "logspace": geometric}, (), "")
         whole = not self.integer or not (sweep.values() % 1).any()
@@ -750,7 +751,7 @@ class Quantity(Parameter):
 
     def _drawn(self, raw: Any) -> Any:
         readers: dict[str, Any] = {DISCRETE: partial(_discrete, read=lambda entry: float(self._one(entry)))}
-        form = "whole numbers are drawn by {discrete: {values: [...], weights: [...]}}"
+        form = "whole numbers are drawn from {discrete: {values: [...], weights: [...]}}"
         if not self.integer:
             readers |= {kind: partial(self._shape, kind) for kind in PARTS}
             form = f"a distribution is one of {', '.join(KINDS)}"
@@ -759,7 +760,7 @@ class Quantity(Parameter):
         low = max(bound for bound in (self.ge, self.gt, -math.inf) if bound is not None)
         high = min(bound for bound in (self.le, self.lt, math.inf) if bound is not None)
         mass = drawn.outside(low, high)
-        if kind == NORMAL and 0 < mass < CUT:  # a bound that is not an allowed value moves to the next number
+        if kind == NORMAL and 0 < mass < CUT:  # move an exclusive bound to the nearest allowed number
             low, high = (math.nextafter(bound, inner) if bound == bare else bound
                          for bound, inner, bare in ((low, math.inf, self.gt), (high, -math.inf, self.lt)))  # fmt: skip
             limits = float(max(low, drawn.ends()[0])), float(min(high, drawn.ends()[1]))
@@ -817,7 +818,7 @@ class Quantity(Parameter):
         return number if self.unit == "1" else {"anyOf": [number, {"type": "string", "pattern": pattern}]}
 
     def _number(self, raw: Any) -> float:
-        """Return one finite number in the canonical unit, without checking bounds."""
+        """Return a finite number in the canonical unit. Bounds are not checked."""
         is_count = self.integer and self.unit == "1"
         if isinstance(raw, str):
             raw = parse(raw, self.unit)
@@ -830,7 +831,7 @@ class Quantity(Parameter):
 
 @dataclass(frozen=True)
 class Samples(Quantity):
-    """Sampling instants, written as a sweep or a single value, and always read as a sweep.
+    """Sampling instants, written as a sweep or a single value and always read as a sweep.
 
     Results are averaged over the samples, or have the dimension ``time``. Samples are not a dimension of the parameter
     grid.
@@ -899,7 +900,7 @@ class ListOfNumbers(Numbers):
     Parameters
     ----------
     entries : int, optional
-        Number of entries (default: at least one, without a maximum).
+        Required number of entries (default: any number of at least one).
     """
 
     entries: int | None = field(default=None, kw_only=True)
@@ -971,7 +972,7 @@ class Uncertain(Quantity):
     """A physical quantity that is fixed, swept, or drawn from a distribution for each mount.
 
     Bounds apply to numbers and sweeps, to the mean of a normal distribution, and to both ends of a uniform
-    distribution. The maximum standard deviation is the larger magnitude of the bounds.
+    distribution. The standard deviation must not exceed the larger absolute value of the bounds.
     """
 
     def read(self, raw: Any) -> Any:

@@ -50,7 +50,7 @@ def test_unknown_devices_are_refused():
 def test_studies_are_refused_without_a_device_or_rays(small):
     with pytest.raises(StudyError, match=r"execution.device: (needs the package numba-cuda|finds no NVIDIA)"):
         small(**{key: value for key, value in _STUDY.items() if key != "family"}, site=None)
-    with pytest.raises(StudyError, match=r"execution.device: needs a field with 'optics'"):
+    with pytest.raises(StudyError, match=r"execution.device: requires a field with 'optics'"):
         small(execution={"device": "cuda"})
 
 
