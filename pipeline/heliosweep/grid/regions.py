@@ -34,7 +34,7 @@ class Variable:
     finished : bool
         True if `Family.finish` computes the variable from complete points, False if `Family.compute` computes it.
     passing : bool
-        True if the variable is needed only for finished variables and is not in the result.
+        True if the variable is used only to compute finished variables, and is not part of the result.
     without : tuple of str
         Swept dimensions along which the variable does not vary.
     missing : object

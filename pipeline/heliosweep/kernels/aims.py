@@ -13,7 +13,7 @@ from heliosweep.kernels.compiled import inline, kernel
 
 #: Images of aims with at most this share are neglected.
 _SHARE = 1e-9
-#: Tolerated excess of the flux in a cell over the limit, relative to the limit.
+#: Maximum tolerated excess of the flux in a cell above its limit, relative to the limit.
 EXCESS = 1e-12
 
 

@@ -6,11 +6,11 @@ estimates the first 2, 4 or 6 errors of `mounts.ERRORS` by minimising
 
     1/2 sum_i c^2 rho(w_i |r_i|^2 / c^2),    r_i = predicted - measured observation,
 
-where the weights w_i are divided by their mean. The loss rho(u) is u (squared), u up to 1 and 2 sqrt(u) - 1 beyond
-(Huber), or log(1 + u) (Cauchy). The loss of a spot depends on the distance |r_i|, not on each coordinate separately.
-The Levenberg-Marquardt steps use iteratively reweighted rows of the Jacobian [1]_. After `PATIENCE` steps, the method
-uses second derivatives of the cost. The Cauchy loss may have several minima, so its fit starts from the solution for
-the Huber loss. All other fits start from zero errors.
+where the weights w_i are divided by their mean. The loss rho(u) is u for the squared loss, and log(1 + u) for the
+Cauchy loss. The Huber loss is u up to u = 1, and 2 sqrt(u) - 1 above. The loss of a spot depends on the distance |r_i|,
+not on each coordinate separately. The Levenberg-Marquardt steps use iteratively reweighted rows of the Jacobian [1]_.
+After `PATIENCE` steps, the method uses second derivatives of the cost. The Cauchy loss may have several minima, so its
+fit starts from the solution for the Huber loss. All other fits start from zero errors.
 
 Derivatives: an error rotates the mirror about an axis w. A unit vector a of the mirror (the normal n for spots, the
 axis of the reflecting cylinder for crossings) moves by w x a, and the mirror centre p by w x arm, where arm is the
@@ -112,7 +112,7 @@ class Fit(NamedTuple):
     #: Leave-one-out residuals to first order, shape (N, M, D). [m]
     left_out: Floats
     #: True for observations that the fit uses, shape (N, M).
-    #: Such an observation has a positive weight, a measured value, and a prediction for the mount without errors.
+    #: A used observation has a positive weight, a measured value, and a prediction for the mount without errors.
     counted: NDArray[np.bool_]
     #: Status code of each mount, `ESTIMATED` to `NO_OBSERVATIONS`, shape (N,).
     status: Integers

@@ -116,8 +116,8 @@ def window_errors(
     azimuth_reference, non_orthogonality, collimation : array_like
         Three mount errors. [rad] The azimuth reference is an excess rotation about the azimuth axis, clockwise seen
         from above. The non-orthogonality is the angle by which the right-hand end of the elevation axis, seen along the
-        home focal axis, is below the plane normal to the azimuth axis. The collimation is the angle of the focal axis
-        from the plane normal to the elevation axis, positive towards the right-hand end of this axis.
+        home focal axis, is below the plane normal to the azimuth axis. The collimation is the angle between the
+        focal axis and the plane normal to the elevation axis, positive towards the right-hand end of this axis.
 
     Returns
     -------

@@ -17,7 +17,7 @@ from numba.core.registry import cpu_target
 def compile_in_parts(whole: Any, part: Any) -> None:
     """Compile a kernel to machine code for Python, and to an unoptimised part for other kernels.
 
-    By default, numba optimises each kernel and generates its machine code, and repeats both for each calling kernel.
+    By default, numba optimises each kernel, generates its machine code, and repeats both steps for each caller.
     This function compiles called functions to the intermediate form, links them, and optimises them only in their
     callers. With numba 0.68, the heliostat field kernels compile in 6 s of CPU time instead of 12 s. This function
     depends on internals of numba and is therefore limited to tested versions. Other versions compile in the usual way,

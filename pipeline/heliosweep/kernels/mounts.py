@@ -23,8 +23,8 @@ The base is vertically below the pivot, u = Q (0, 0, 1), for any direction of th
 
 The following vectors are in the frame of the tilted primary axis: s to the sun, d from the tilted pivot to the aim
 point, and c from the tilted pivot to the mirror centre. The normal is n = unit(s + unit(d - c)). The normal gives the
-angles, and the angles give the centre c' = F(c). Newton's method solves c = F(c). A change dc of the centre changes the
-two angles by G dc. A change v of the angles changes the centre by C v. Hence
+angles, and the angles give the centre c' = F(c). Newton's method solves c = F(c). A change dc in the centre changes the
+two angles by G dc. A change v in the angles changes the centre by C v. Hence
 
     c* = F(c) + C v,   (1 - G C) v = G (F(c) - c)
 
@@ -469,9 +469,10 @@ class Mounts(NamedTuple):
         """Return the encoder angles at which the mounts reflect the sun to the aim point, shape (N, ..., T, 2). [rad]
 
         The angles correct the errors `known` (default: none), shape (N, ..., 1 or T, 6) [rad]. `sun` contains unit
-        vectors to the sun, shape (T, 3), or the shape of `known` with a last axis of length 3. Angles are between -pi
-        and pi, for the ray reflected at the mirror centre. They are NaN if the sun is at or below the horizon, if the
-        required direction is in the blind cone, or if the offsets are not smaller than the distance to the aim point.
+        vectors to the sun, shape (T, 3), or the shape of `known` with a last axis of length 3. The angles are
+        between -pi and pi, and apply to the ray reflected at the mirror centre. The angles are NaN if the sun is at or
+        below the horizon, if the required direction is in the blind cone, or if the offsets are not smaller than the
+        distance to the aim point.
         """
         known = np.zeros((len(self.frames), 1, 6)) if known is None else known
         return self._rowwise(_aim, 2, sun, known)

@@ -74,10 +74,10 @@ class Profile(NamedTuple):
 
 @inline
 def brightness(profile, square):
-    """Return the brightness and its slope (dB/deps) / eps [1/rad^2], both on the tangent beyond 0.9995 eps_max.
+    """Return the brightness B and the slope (dB/deps) / eps [1/rad^2].
 
-    `square` is the squared angle eps^2 from the disc centre [rad^2]. If eps^2 = v^2 + w^2, the derivative with respect
-    to a parameter p is dB/dp = slope (v dv/dp + w dw/dp).
+    Beyond 0.9995 eps_max, the brightness follows the tangent. `square` is the squared angle eps^2 from the disc centre
+    [rad^2]. If eps^2 = v^2 + w^2, the derivative with respect to a parameter p is dB/dp = slope (v dv/dp + w dw/dp).
     """
     square = max(square, _TINY)
     if square >= profile.edge * profile.edge:
@@ -134,8 +134,9 @@ def tabulated(brightness: ArrayLike, angle: ArrayLike | None = None) -> Profile:
     table is interpolated at uniform nodes. The spacing of these nodes is the smallest step of the angles, but there are
     at most 4096 nodes.
 
-    The tangent at the edge has the steeper of the mean slopes over the last cell and over the last twentieth of the
-    nodes. Due to noise, the brightness may increase over the last cell, and an increasing tangent has no inverse.
+    The slope of the tangent at the edge is the steeper of two mean slopes, over the last cell and over the last
+    twentieth of the nodes. Noise may make the brightness increase over the last cell, and an increasing tangent would
+    have no inverse.
     Raises ValueError if there are fewer than 3 nodes, if a number is negative or not finite, or if the edge is not
     darker than the disc.
     """

@@ -1,7 +1,7 @@
 """Ray tracing of a heliostat field: shading, blocking, spillage and flux in one loop.
 
-A block of rays is traced for each heliostat and instant. Each ray has a point on the reflecting area, a direction to a
-point on the sun, and random slope and specularity errors. Points, directions and errors come from scrambled Sobol
+A block of rays is traced for each heliostat and instant. Each ray is defined by a point on the reflecting area, a
+point on the sun, and random slope and specularity errors. Points and errors are taken from scrambled Sobol
 sequences [1]_. Eight independent sequences are used in parallel, and their spread gives the standard error of each
 result. Coordinates are relative to the mirror's centre, in single precision. Rounding errors are about 60 micrometres
 at a distance of 1 km.
@@ -772,7 +772,7 @@ def trace(
     # With more parts than threads, all threads finish at nearly the same time.
     threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
-    parts = max(parts, (stop - start) // 64) if images else parts  # 64 heliostats with images at a time
+    parts = max(parts, (stop - start) // 64) if images else parts  # limit the memory of the images
     edges = np.linspace(start, stop, max(parts, 1) + 1).astype(int)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         flux, whole = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64), np.zeros((REPLICATES, instants, QUANTITIES))
@@ -895,7 +895,7 @@ def _parameters(scene: Scene, seed: int) -> Floats:
 
 
 def _spreads(scene: Scene, field: Floats, farthest: Floats) -> tuple[float, Floats]:
-    """Return the maximum angles of rays from the sun's centre, and of reflected rays from the beam axis. [rad]"""
+    """Return the maximum angles of sun rays to the sun's centre, and of reflected rays to the beam axis. [rad]"""
     sun, slope, rest = farthest
     radius = 1.001 * math.tan(math.asin(sun)) + 1e-6
     lean = slope * field[:, 12:14].max(axis=1) + np.hypot(*scene.turn.T)

@@ -98,7 +98,7 @@ from heliosweep.kernels.vectors import Vector, at_angle, cross, dot, minus, mixe
 CANTING, ENCODER, TILT = range(3)
 
 #: Error axes. `ELEVATION`: The elevation axis e in the mirror.
-#: `AZIMUTH`: The axis -b, down the slope of the mirror. `ENCODER_AZIMUTH`: The primary axis, with reversed sign.
+#: `AZIMUTH`: The axis -b, down the slope of the mirror. `ENCODER_AZIMUTH`: The reversed primary axis, -z.
 ELEVATION, AZIMUTH, ENCODER_AZIMUTH = range(3)
 
 #: Coefficients of a trigonometric polynomial of the error: 1, cos, sin, cos 2, sin 2, cos 3 and sin 3.
@@ -116,7 +116,7 @@ MOMENTS = ("mean_y", "mean_z", "variance_y", "variance_z", "covariance", "real_f
 
 
 class Curve(NamedTuple):
-    """Normal and centre of one mirror at one instant, as functions of an error about one axis from one source."""
+    """Normal and centre of a mirror at an instant, as functions of an error with a given axis and source."""
 
     #: A status code from `mounts`. The other fields are undefined unless the status is `REACHES`.
     status: int
@@ -150,7 +150,7 @@ class Curves(NamedTuple):
     #: The focus lies inside the branch that real rays trace. For an ellipse, the focus nearer to the mirror is given.
     #: If the sun is perpendicular to the axis, the cone is a plane, and the curve is a straight line.
     #: A straight line has infinite eccentricity and no focus. All values are NaN if the curve is not a conic.
-    #: Encoder or pedestal errors that move the mirror centre do not give a conic, nor do errors about the primary axis.
+    #: The curve is not a conic for errors about the primary axis, or for errors that move the mirror centre.
     conic: Floats
     #: First crossing of each line, shape (3, C, H, T, L): y and z [m], and the error with its sign [rad].
     #: The first crossing is the crossing by real rays with the minimum |error|; NaN if there is no crossing.

@@ -147,8 +147,8 @@ def mirror_angles(frame: Floats, sun: Floats, to_elevation: Floats, to_azimuth: 
     The estimate is exact if the only errors are encoder references and all offsets are zero. Let k be the bisector of
     the directions to the sun and to a point on a trace. For all points on the elevation trace, the primary angle of k
     equals the primary angle of the mirror. For all points on the azimuth trace, k has a constant ratio of two
-    components: the component along the primary axis, and the component in the perpendicular plane at the primary angle
-    of the mirror.
+    components: the component along the primary axis, and the component in the perpendicular plane in the direction of
+    the primary angle of the mirror.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class Region:
 
     @property
     def key(self) -> str:
-        """Study key to name in messages about missing space."""
+        """Study key to report if no heliostat fits."""
         return "boundary" if self.boundary is not None else "sectors" if self.sectors else "exclude"
 
     @property
@@ -158,7 +158,7 @@ def slope_heights(x: Floats, y: Floats, slope: float, azimuth: float) -> Floats:
 
 @read_once(4)
 def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
-    """Read a grid of heights [m] and return a function that interpolates bilinearly.
+    """Read a grid of heights [m] and return a bilinear interpolation function.
 
     The function takes (y, x), relative to the tower [m], and returns NaN outside the grid.
 

@@ -273,11 +273,11 @@ def check_layout(layout: Layout, width: ArrayLike, height: ArrayLike) -> tuple[l
     Returns
     -------
     problems : list of Problem
-        An empty layout, invalid coordinates (infinite, NaN or unrealistically large), equal positions, or centres
-        closer together than the shorter side of the mirrors.
+        Problems of a layout that is empty, has invalid coordinates (infinite, NaN or unrealistically large), or has
+        heliostats with equal positions or with centres closer together than the shorter side of the mirrors.
     warnings : list of Problem
-        One warning if centres are closer than the diagonal of the mirrors, because two freely rotating mirrors could
-        touch. Actual orientations in a study are not checked.
+        One warning if centres are closer together than the diagonal of the mirrors, because two freely rotating mirrors
+        could touch. The check does not consider the actual orientations in a study.
     """
     if not len(layout):
         return [Problem("the layout has no heliostats", file=layout.name)], []

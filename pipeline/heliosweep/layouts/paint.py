@@ -210,7 +210,7 @@ class Actuator(_ACTUATOR):
         return self.initial_angle + sense * (self.opening(0) - self.opening(counts))
 
     def steps(self, counts: float) -> float:
-        """Return the motor counts per degree of the joint at a motor position. [1/deg]"""
+        """Return the motor counts per degree of joint rotation at a motor position. [1/deg]"""
         return 2.0 / math.degrees(self.joint_angle(counts + 1.0) - self.joint_angle(counts - 1.0))
 
 

@@ -130,7 +130,7 @@ def radial_stagger(
         Zones from the tower outwards, as in a study. Each zone starts at least one clearance beyond the last ring of
         the previous zone.
     spacing : Spacing, optional
-        Rule for larger distances between rings and between neighbours in automatic zones.
+        Spacing rule that increases the distances between rings and between neighbours in automatic zones.
     region : Region, optional
         Ground on which heliostats may be placed. The ring numbers do not depend on the region.
 
@@ -324,7 +324,8 @@ def spiral(
     inner_radius : float
         Radius of the circle around the tower that contains no heliostats. [m]
     heliostats : int, optional
-        Number of heliostats, selected outwards from the tower. The number may be omitted if the region is bounded.
+        Number of heliostats. The heliostats nearest to the tower are selected. The number may be omitted if the region
+        is bounded.
     region : Region, optional
         Ground on which heliostats may be placed.
 
@@ -378,8 +379,9 @@ def rows(
     pattern : {"staggered", "straight"}
         In the staggered pattern, odd rows are shifted to the right by half a spacing, as seen along `azimuth`.
     heliostats : int, optional
-        Number of heliostats, selected by distance from the tower. Heliostats at equal distances (within rounding) are
-        selected by row and from the left. The number may be omitted if the region is bounded.
+        Number of heliostats. The heliostats nearest to the tower are selected. Heliostats at equal distances (within
+        rounding) are selected by row, and from the left within a row. The number may be omitted if the region is
+        bounded.
     region : Region, optional
         Ground on which heliostats may be placed.
 

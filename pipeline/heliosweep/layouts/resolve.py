@@ -111,8 +111,8 @@ class Layouts:
     def some(self, worst: Mapping[str, Callable[..., Any]] | None = None) -> Iterator[tuple[Layout, dict[str, Any]]]:
         """Yield the layouts to be checked, each with the values of all relevant keys.
 
-        `worst` contains the relevant keys that are not layout keys. Each key has a function (`min` or `max`) that
-        selects its worst value. Only the worst value is checked, unless the key is tied to another relevant key. For a
+        `worst` maps each relevant key that is not a layout key to a function (`min` or `max`) that selects the worst
+        value of the key. Only the worst value is checked, unless the key is tied to another relevant key. For a
         drawn key, the worst value is the worst possible draw.
         """
         study, worst = self._study, worst or {}
