@@ -108,7 +108,7 @@ def test_damaged_files(tmp_path):
 
 def test_sizes_and_kinds(tmp_path):
     for array, words in (
-        (np.zeros((20, 30, 3)), "it has 3 axes of float64"),
+        (np.zeros((20, 30, 3)), "it has 3 dimensions of float64"),
         (np.ones((6, 8), complex), "complex128"),
         (np.full((6, 8), np.nan), "no pixel is a valid number"),
         (np.ones((2, 500)), "but must have at least 4 on each side"),

@@ -164,7 +164,7 @@ def test_corners_marked_in_images_put_these_on_the_mirror(tmp_path, levels, ship
         image_geometry={"dark": made.DARK, "white": white, "saturation": 4095},
     ))  # fmt: skip
     assert found.attrs["rectification"] == "corners"
-    # One level of white for four sensors, whose own are up to 2 % apart: slopes are off by some tenths of a mrad.
+    # One white level for four sensors, whose own are up to 2 % apart: slopes are off by some tenths of a mrad.
     difference = (found["slope_x"].sel(LM) - shipped["slope_x"].sel(LM)).to_numpy()
     assert 0.01 < np.nanmedian(np.abs(difference)) < 0.5
 
@@ -225,8 +225,8 @@ def test_what_cannot_be_registered_is_said(tmp_path, photographs):
     np.save(rough, np.random.default_rng(0).integers(64, 3000, (220, 260)).astype(np.uint16))
     images[2] = {"file": str(rough), "metadata": {key: value for key, value in said[2].items() if key != "FOCALPIX"}}
     message = problems_of(content(tmp_path, images=images))
-    assert "images[2]: the heliostat is not found in" in message
-    assert "mark its 'corners', or give FOCALPIX" in message
+    assert "images[2]: the heliostat was not found in" in message
+    assert "mark the 'corners', or give FOCALPIX" in message
 
 
 def test_images_on_the_grid_of_the_mirror(tmp_path, truth):
@@ -243,7 +243,7 @@ def test_images_on_the_grid_of_the_mirror(tmp_path, truth):
         assert error.size > 0.99 * np.count_nonzero(found["mask"] > 1)
     coarse = sunless | {"heliostat": {"distance": 120, "pixel": 0.1}}
     said = problems_of(content(tmp_path, names, image_geometry={"rectified": True}, **coarse))
-    assert "145 x 147 pixels, but the mirror has 73 x 74" in said
+    assert "145 x 147 pixels, but the mirror grid has 73 x 74 pixels" in said
 
 
 def test_the_sun_may_be_an_image(write, truth):
@@ -307,14 +307,14 @@ BOTH = {"image": str(STUDIES / "images" / "sun.png"), "profile": PROFILE}
         (level(DIM, (2, 3)), "are dark"),
         (level(lambda image: np.full_like(image, 64.0), (1,)), "same level everywhere"),
         (level(lambda image: np.where(image > 1000.0, 4095.0, image), (3,)), "are saturated"),
-        (level(CUT, (2,)), "176 x 172 pixels, but others have 176 x 176"),
+        (level(CUT, (2,)), "176 x 172 pixels, but the others have 176 x 176"),
         (level(CUT, (0,)), "images[0]: "),  # the odd one
         ({"say": without("SUNAZ")}, "SUNAZ"),
         ({"say": without("FOCALPIX", camera=1), "image_geometry": {"registration": False}},
-         "mark its 'corners', give FOCALPIX"),
+         "mark the 'corners', give FOCALPIX"),
         ({"say": lambda said, n: {**said, "SUNEL": 60.0 + n}}, "in another image"),
-        ({"say": without("CAMERAY", camera=0)}, "for 3 images of 4"),
-        ({"say": lambda said, n: {**said, "CAMERAZ": 0.0, "CAMERAY": 0.1 * n}}, "one line"),
+        ({"say": without("CAMERAY", camera=0)}, "for only 3 of 4 images"),
+        ({"say": lambda said, n: {**said, "CAMERAZ": 0.0, "CAMERAY": 0.1 * n}}, "collinear"),
         ({"sun": BOTH}, "both give the sun's profile"),
         ({"say": lambda said, _: {**said, "WHITE": 50.0}}, "is not above the dark level"),
         *(({"say": lambda said, _, key=key, value=value: {**said, key: value}}, words) for key, value, words in (
@@ -333,8 +333,8 @@ def test_study_and_metadata_that_disagree_are_said_and_the_study_is_used(write):
     target, sun = {"azimuth": 360.0, "elevation": 44.0}, {"azimuth": 160.0, "profile": PROFILE}
     study = write(sun=sun, target=target, heliostat={"focal_length": 120, "distance": 121, "pixel": 0.1})
     assert notes_of(study) == [
-        "sun.azimuth is 160 in the study, but SUNAZ 30 in the metadata of images: the study is used",
-        "heliostat.distance is 121 in the study, but DISTANCE 120 in the metadata of images: the study is used",
+        "sun.azimuth is 160 in the study, but SUNAZ is 30 in the metadata of images: the study is used",
+        "heliostat.distance is 121 in the study, but DISTANCE is 120 in the metadata of images: the study is used",
     ]
     assert float(result_of(study | {"sun": {"profile": PROFILE}})["distance"]) == 121.0
 
@@ -342,10 +342,10 @@ def test_study_and_metadata_that_disagree_are_said_and_the_study_is_used(write):
 @pytest.mark.parametrize(
     ("corners", "words"),
     [
-        ([[10, 10], [60, 10], [110, 10], [160, 10]], "nearly in one line"),
+        ([[10, 10], [60, 10], [110, 10], [160, 10]], "nearly collinear"),
         ([[10, 10], [150, 150], [150, 10], [10, 150]], "are not in clockwise order"),
         ([[1000, 1000], [1100, 1000], [1100, 1100], [1000, 1100]], "4 of 4 corners are outside"),
-        ([[10, 10], [12, 10], [12, 12], [10, 12]], "enclose 4 pixels, which are too few for slopes"),
+        ([[10, 10], [12, 10], [12, 12], [10, 12]], "enclose 4 pixels, which are too few to estimate slopes"),
     ],
 )
 def test_corners_that_are_none_of_a_heliostat(write, corners, words):

@@ -111,7 +111,7 @@ def test_heliostat_that_no_camera_sees_is_masked_and_said_so():
     assert float(result["usable_fraction"].max()) == 0.0
     assert float(result["lit_cameras"].max()) == 0.0
     (said,) = compute.remarks(result)
-    assert said.startswith("no slopes of the heliostat: all pixels are masked")
+    assert said.startswith("no slopes for the heliostat: all pixels are masked")
 
 
 def test_modules_of_the_study():

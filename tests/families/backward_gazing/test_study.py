@@ -39,7 +39,7 @@ def test_a_heliostat_at_the_foot_of_the_tower_has_a_note(tmp_path):
     path.write_text("x,y\n0,100\n0,0\n", encoding="utf-8")
     field = {"latitude": 37, "day": 81, "hours": 12, "layout": {"file": str(path)}, "receiver_height": 95}
     blocks: dict[str, Any] = {"heliostat": {"pixel": 0.3}, "target": None, "sun": None}
-    assert [note.partition(".")[0] for note in study(field=field, **blocks).notes()] == [
+    assert [note.partition(",")[0] for note in study(field=field, **blocks).notes()] == [
         "heliostat 1 (line 3) is at the foot of the tower"
     ]
     assert study(field={**field, "facing": "fixed"}, **blocks).notes() == []

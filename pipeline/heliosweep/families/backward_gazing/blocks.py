@@ -33,14 +33,14 @@ METHODS = {
     "LM": "the merit function of O2, minimised by Levenberg-Marquardt",
 }
 REFERENTIALS = {
-    "none": "half the wavefront slopes, without field rotation; agrees with the paper's table",
+    "none": "half the wavefront slopes, without field rotation; agrees with the table in the paper",
     "roll": "with the rotation between the mirror axes and the target axes",
     "exact": "with the exact Jacobian",
 }
 PROFILES = {
     "jose": "Jose's generalised formula",
-    "noisy": "a table of Jose's formula with noise, see profile_noise",
-    "table": "the table of sun.profile",
+    "noisy": "a table of Jose's formula with noise (see profile_noise)",
+    "table": "the table in sun.profile",
 }
 FIT_PROFILES = {
     "table": "the table itself, as in the methods of the paper; the default of mode: simulated",
@@ -59,7 +59,7 @@ class Module(Block):
 
     centre: Annotated[
         Two, Numbers("Centre of the module relative to the heliostat's centre: to the right as seen from the "
-                     "target, and up",
+                     "target, and upwards",
                      "m", ("y", "z"))
     ]  # fmt: skip
     size: Annotated[Two, Numbers("Width and height of the module", "m", ("width", "height"), gt=0)]
@@ -69,10 +69,10 @@ Modules = Annotated[
     Annotated[
         str,
         Choice(
-            "A heliostat with known modules",
+            "Predefined heliostat",
             {
-                "themis_8": "8 modules of 3.6 m x 1.8 m in 2 columns with gaps of 5 cm; numbers 1 to 4 are the left "
-                "column from the top, 5 to 8 the right column"
+                "themis_8": "8 modules of 3.6 m x 1.8 m in 2 columns with gaps of 5 cm; modules 1 to 4 form the "
+                "left column from top to bottom, modules 5 to 8 the right column"
             },
             sweep=False,
         ),
@@ -93,7 +93,7 @@ class Heliostat(Block):
     ] = None
     distance: Annotated[
         float | Sweep | None,
-        Quantity("Distance between the centres of heliostat and target; not used with a field", "m", gt=0,
+        Quantity("Distance between the centres of the heliostat and the target; not used with a field", "m", gt=0,
                  title="distance between heliostat and target"),
     ] = None  # fmt: skip
     modules: Modules = "themis_8"
@@ -137,7 +137,7 @@ class Target(Block):
     ] = 30.0  # fmt: skip
     face: Annotated[
         float | Sweep,
-        Quantity("Rotation of the target about the vertical, from south towards east; 0 faces heliostats in the north",
+        Quantity("Rotation of the target about the vertical, from south towards east; a target at 0 faces north",
                  "deg", ge=-360, le=360, dimension="target_face", title="rotation of the target about the vertical"),
     ] = 0.0  # fmt: skip
 
@@ -165,7 +165,7 @@ class Sun(Block):
     ] = None
     pixel_angle: Annotated[
         float | None,
-        Quantity("Angular size of a pixel in the sun's image (default: fitted to the angular radius)",
+        Quantity("Angular size of a pixel in the sun's image (default: computed from the angular radius)",
                  "mrad", gt=0, sweep=False),
     ] = None  # fmt: skip
     limb_brightness: Annotated[
@@ -206,24 +206,25 @@ class Cameras(Block):
     ] = 0.24  # fmt: skip
     positions: Annotated[
         tuple[Two, ...] | None,
-        ListOfNumbers("Positions of the four cameras in the target's plane, instead of arrangement and radius: [y, "
-                      "z], with y to the east for a target that faces north and z upwards", "m", ("y", "z"), entries=4),
+        ListOfNumbers("Positions of the four cameras in the target plane, instead of arrangement and radius: [y, "
+                      "z], with z upwards, and y to the east for a target that faces north", "m", ("y", "z"),
+                      entries=4),
     ] = None  # fmt: skip
     noise: Annotated[
         float | Sweep,
-        Quantity("Standard deviation of the noise of each pixel, relative to the sun's centre", "1", ge=0, le=1,
-                 dimension="camera_noise", title="camera noise relative to the sun's centre"),
+        Quantity("Standard deviation of the pixel noise, relative to the brightness of the sun's centre", "1", ge=0,
+                 le=1, dimension="camera_noise", title="camera noise relative to the sun's centre"),
     ] = 0.0  # fmt: skip
     gain_error: Annotated[
         float | Sweep,
-        Quantity("Relative brightness error, equal for all cameras", "1", gt=-1, le=1,
+        Quantity("Relative gain error, common to all cameras", "1", gt=-1, le=1,
                  title="relative gain error of all cameras"),
     ] = 0.0  # fmt: skip
     gain_noise: Annotated[
         float | Sweep,
-        Quantity("Relative standard deviation of the camera brightness levels, drawn from the seed", "1",
+        Quantity("Relative standard deviation of the random camera gains", "1",
                  ge=0, le=1, dimension="camera_gain_noise", title=(
-                     "relative standard deviation of the camera brightness levels"
+                     "relative standard deviation of the camera gains"
                  )),
     ] = 0.0  # fmt: skip
     bits: Annotated[
@@ -235,7 +236,7 @@ class Cameras(Block):
     images: Annotated[
         str | Sweep,
         Choice(
-            "Kind of camera images",
+            "Type of camera images",
             {
                 "mirror_grid": "brightness on the mirror's grid, as seen by a perfect camera",
                 "camera": "images of pinhole cameras, rectified to the mirror grid",
@@ -243,23 +244,23 @@ class Cameras(Block):
                 "and O1 in the paper",
             },
             dimension="image_level",
-            title="kind of images",
+            title="type of images",
         ),
     ] = "mirror_grid"
     supersampling: Annotated[
         int | Sweep,
-        Quantity("Number of rays along each camera pixel side; not used with images: mirror_grid", "1", ge=1, le=15,
-                 integer=True, title="rays along each side of a camera pixel"),
+        Quantity("Number of rays along each side of a camera pixel; not used with images: mirror_grid", "1", ge=1,
+                 le=15, integer=True, title="rays along each side of a camera pixel"),
     ] = 3  # fmt: skip
     threshold: Annotated[
         float | Sweep,
-        Quantity("Minimum brightness at which a camera counts as lit, relative to the sun's centre", "1", gt=0, lt=1,
+        Quantity("Minimum brightness of a lit camera, relative to the sun's centre", "1", gt=0, lt=1,
                  title="minimum brightness of a lit camera"),
     ] = 0.3  # fmt: skip
     seed: Annotated[
         int | Sweep,
         _seed(
-            "Seed of the camera noise and brightness levels",
+            "Seed of the camera noise and camera gains",
             "camera_seed",
             "seed of the camera noise",
         ),
@@ -281,7 +282,7 @@ class Defects(Block):
     ] = 1.0
     waviness: Annotated[
         float | Sweep,
-        Quantity("Root mean square of the slopes of a random waviness", "mrad", ge=0, le=50,
+        Quantity("Root mean square slope of a random waviness", "mrad", ge=0, le=50,
                  title="root mean square slope of the simulated waviness"),
     ] = 0.0  # fmt: skip
     waviness_length: Annotated[
@@ -319,14 +320,14 @@ class ProfileNoise(Block):
         Quantity((
             "Standard deviation of the noise at each node, relative to the brightness of the sun's centre"
         ), "1", ge=0, le=1,
-                 dimension="profile_noise", title="noise of the sun's profile relative to its centre"),
+                 dimension="profile_noise", title="noise of the sun profile relative to its central brightness"),
     ] = 0.012  # fmt: skip
     nodes: Annotated[
         int | Sweep,
         Quantity((
-            "Number of nodes of the profile table, equally spaced from the centre to the edge"
+            "Number of nodes in the profile table, equally spaced from the centre to the edge"
         ), "1", ge=4, le=4096, integer=True,
-                 title="number of nodes of the sun's profile"),
+                 title="number of nodes in the sun's profile"),
     ] = 120  # fmt: skip
     seed: Annotated[
         int | Sweep, _seed("Seed of the noise", "profile_seed", "seed of the noise of the sun's profile")
@@ -334,7 +335,7 @@ class ProfileNoise(Block):
 
 
 class HeliostatField(Block):
-    """Heliostats of a field during one day. Cameras on a tower observe each heliostat."""
+    """Field of heliostats that cameras on a tower observe during one day."""
 
     latitude: Annotated[
         float | Sweep,
@@ -342,18 +343,18 @@ class HeliostatField(Block):
                  standard_name="latitude"),
     ]  # fmt: skip
     day: Annotated[
-        int | Sweep, Quantity("Day of the year, for Cooper's declination", "1", ge=1, le=366, integer=True,
-                              title="day of the year")
+        int | Sweep, Quantity("Day of the year, used for the declination by Cooper's formula", "1", ge=1, le=366,
+                              integer=True, title="day of the year")
     ]  # fmt: skip
-    hours: Annotated[Sweep, Samples("Solar hours, 12 is noon", "h", ge=0, le=24, title="solar hour")]
+    hours: Annotated[Sweep, Samples("Solar hours; 12 is solar noon", "h", ge=0, le=24, title="solar hour")]
     layout: Annotated[Layout, Field(description="Layout of the field")]
     receiver_height: Annotated[
         float | Sweep, Quantity("Height of the target's centre above the tower's base", "m", gt=0,
                                 title="height of the target's centre")
     ]  # fmt: skip
     pivot_height: Annotated[
-        float | Sweep, Quantity("Height of the mirrors' centres above the heliostats' bases", "m", ge=0,
-                                title="height of the mirrors' centres above the heliostats' bases")
+        float | Sweep, Quantity("Height of the mirror centres above the heliostat bases", "m", ge=0,
+                                title="height of the mirror centres above the heliostat bases")
     ] = 0.0  # fmt: skip
     facing: Annotated[
         str | Sweep,
@@ -373,7 +374,7 @@ class Output(StoredOutput):
 
     maps: Annotated[bool, Flag("Also store the images, the slope maps and the sun profile")] = False
     raw_slopes: Annotated[
-        bool, Flag("Also store maps of the estimated slopes with and without the defects; needs maps")
+        bool, Flag("Also store maps of the estimated slopes with and without the defects; requires maps")
     ] = False
 
 
@@ -384,8 +385,8 @@ def _said(description: str, unit: str = "1", **bounds: float) -> Quantity:
 #: Image metadata, by key. Values in the study have priority over metadata.
 METADATA = {
     "FOCALPIX": _said("Focal length of the camera divided by the side of a pixel", ge=10, le=1e7),
-    "CENTREU": _said("Column of the line of sight, 0 at the centre of the left pixels", ge=-1e5, le=1e5),
-    "CENTREV": _said("Row of the line of sight, 0 at the centre of the upper pixels", ge=-1e5, le=1e5),
+    "CENTREU": _said("Column of the line of sight, 0 at the centre of the leftmost pixels", ge=-1e5, le=1e5),
+    "CENTREV": _said("Row of the line of sight, 0 at the centre of the top pixels", ge=-1e5, le=1e5),
     "ROLL": _said(
         "Rotation of the camera about its line of sight, clockwise for an observer behind it",
         "deg",
@@ -393,13 +394,13 @@ METADATA = {
         le=360,
     ),
     "CAMERAY": _said(
-        "Position of the camera in the target's plane, positive to the east for a target that faces north",
+        "Position of the camera in the target plane, positive to the east for a target that faces north",
         "m",
         ge=-1e3,
         le=1e3,
     ),
-    "CAMERAZ": _said("Position of the camera in the target's plane, positive upwards", "m", ge=-1e3, le=1e3),
-    "DARK": _said("Level of a pixel without light"),
+    "CAMERAZ": _said("Position of the camera in the target plane, positive upwards", "m", ge=-1e3, le=1e3),
+    "DARK": _said("Level of an unlit pixel"),
     "WHITE": _said("Level of the sun's centre seen in the mirror, including the dark level"),
     "SATURATE": _said("Level from which a pixel counts as saturated", gt=0),
     "SUNAZ": _said("Azimuth of the sun, from south towards east", "deg", ge=-360, le=360),
@@ -421,13 +422,13 @@ class Image(Block):
     file: Annotated[str, FileName("Heliostat image file (NPY, TIFF, PNG or FITS)", sweep=False)]
     camera: Annotated[
         Two | None,
-        Numbers("Position of the camera in the target's plane (default: from the image's metadata or 'cameras')",
+        Numbers("Position of the camera in the target plane (default: from the image's metadata or 'cameras')",
                 "m", ("y", "z")),
     ] = None  # fmt: skip
     corners: Annotated[
         tuple[Two, ...] | None,
-        ListOfNumbers("Upper left, upper right, lower right and lower left corner of the heliostat in the image; "
-                      "the centre of the first pixel of the file is [0, 0]", "1", ("column", "row"), entries=4),
+        ListOfNumbers("Upper left, upper right, lower right and lower left corners of the heliostat in the image; "
+                      "the centre of the first pixel in the file is [0, 0]", "1", ("column", "row"), entries=4),
     ] = None  # fmt: skip
     metadata: Annotated[
         Metadata | None,
@@ -443,7 +444,7 @@ ImageEntry = Annotated[
 
 
 class ImageGeometry(Block):
-    """Settings for the levels and the grid of measured images."""
+    """Settings for the grey levels and the grid of measured images."""
 
     rectified: Annotated[
         bool | None,
@@ -452,16 +453,16 @@ class ImageGeometry(Block):
     ] = None  # fmt: skip
     registration: Annotated[
         bool | None,
-        Flag("True to determine shift, rotation and scale of the images from the edges of the modules (default: "
+        Flag("True to determine the shift, rotation and scale of the images from the module edges (default: "
              "true if neither corners nor FOCALPIX is given); corners have priority"),
     ] = None  # fmt: skip
     dark: Annotated[
-        float | None, Quantity("Level of a pixel without light (default: from metadata, otherwise 0)", "1", sweep=False)
+        float | None, Quantity("Level of an unlit pixel (default: from metadata, otherwise 0)", "1", sweep=False)
     ] = None
     white: Annotated[
         float | None,
-        Quantity("Level of the sun's centre seen in the mirror (default: from metadata, otherwise the maximum of "
-                 "the sun's image)",
+        Quantity("Level of the sun's centre seen in the mirror (default: from metadata, otherwise from the sun's "
+                 "image or the brightest pixels)",
                  "1", gt=0, sweep=False),
     ] = None  # fmt: skip
     saturation: Annotated[
@@ -473,7 +474,7 @@ class ImageGeometry(Block):
     noise: Annotated[
         float | None,
         Quantity((
-            "Standard deviation of the noise of a pixel, relative to the sun's centre (default: estimated from the "
+            "Standard deviation of the pixel noise, relative to the sun's centre (default: estimated from the "
             "residuals)"
         ),
                  "1", ge=0, sweep=False),

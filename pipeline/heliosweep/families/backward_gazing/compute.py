@@ -1,14 +1,15 @@
-"""Compute the slopes of one heliostat, or of all heliostats in a field, from simulated or measured images.
+"""Compute mirror slopes from simulated or measured images, for one heliostat or a field.
 
-Measured images are first rectified to the mirror grid (`kernels.gazing.geometry`), and then treated like
-simulated images. The uncertainties of the slopes follow from the image noise in the study. If the study gives no noise,
-it is estimated from the median of the squared Levenberg-Marquardt residuals, which is not sensitive to edges and dirt.
+Measured images are first rectified to the mirror grid (`kernels.gazing.geometry`), and then treated like simulated
+images. The slope uncertainties are computed from the image noise in the study. If the study does not specify the noise,
+it is estimated from the median of the squared Levenberg-Marquardt residuals, which is insensitive to edges and dirt.
 
-In a field, the directions to the sun and the target are computed from the position of each heliostat. The distance of a
-heliostat is its slant range, which is also the default ideal focal length. With ``facing: heliostat``, the
-target and its cameras are rotated about the vertical to face each heliostat. This option represents four cameras on a
-ring around a tower. With ``facing: fixed``, the target has the direction `target.face`. Noise and waviness are drawn
-separately for each heliostat, and noise also for each hour.
+In a field, the direction to the sun is computed for each hour, and the direction to the target from the position of
+each heliostat. The distance between a heliostat and the target is the slant range, which is also the default focal
+length of the ideal heliostat. With ``facing: heliostat``, the target and its cameras are rotated about the vertical to
+face each heliostat. This option represents four cameras on a ring around a tower. With ``facing: fixed``, the target
+faces the direction `target.face`. Waviness is drawn separately for each heliostat, and noise for each heliostat and
+hour.
 """
 
 from __future__ import annotations
@@ -68,10 +69,10 @@ from heliosweep.layouts.resolve import LayoutAxis
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
-#: Lit fraction below which a camera is dark. Fraction below which a camera or a module is hardly visible. Maximum ratio
-#: of the residuals to the noise in the study (about 0.6 in a correct result). [1]
+#: Thresholds for warnings: lit fraction of a dark camera, lit or usable fraction of a poorly visible mirror or module,
+#: and ratio of the residuals to the noise in the study (about 0.6 in a correct result). [1]
 DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
-#: Keys that affect the scene, its images or the slopes.
+#: Study keys that affect the scene, its images or the slopes.
 KEYS = (
     "heliostat.focal_length", "heliostat.distance", "heliostat.pixel", "target.azimuth", "target.elevation",
     "target.tilt", "target.face", "sun.azimuth", "sun.elevation", "sun.limb_brightness", "sun.limb_exponent",
@@ -84,11 +85,14 @@ KEYS = (
 
 
 class Failure(Exception):
-    """Raised if a point has no slopes; the argument is the value of `scene_status`."""
+    """Raised if no slopes can be estimated at a point; the argument is the value of `scene_status`."""
 
 
 def values_of(point: Point, known: Mapping[str, float]) -> dict[str, Any]:
-    """Return the values of `KEYS` at a point. Values in `known` have priority, and seeds without an effect are 0."""
+    """Return the values of `KEYS` at a point.
+
+    Values in `known` have priority. Seeds that have no effect are set to 0.
+    """
     values = {key: known[key] if key in known else point[key] for key in KEYS}
     values = {key: one.item() if isinstance(one, np.generic) else one for key, one in values.items()}
     values["heliostat.focal_length"] = values["heliostat.focal_length"] or values["heliostat.distance"]
@@ -102,9 +106,9 @@ def values_of(point: Point, known: Mapping[str, float]) -> dict[str, Any]:
 
 
 def scene_of(values: dict[str, Any], positions: Iterable[tuple[float, float]] | None) -> Scene:
-    """Return the positions of the sun, heliostat and cameras at a point. Raises Failure if they are impossible.
+    """Return the scene at a point. Raises Failure if the geometry is impossible.
 
-    `positions` contains the positions of the cameras in the target's plane [m]. If `positions` is None, the arrangement
+    `positions` contains the positions of the cameras in the target plane [m]. If `positions` is None, the arrangement
     in the study is used.
     """
     try:
@@ -122,7 +126,7 @@ def scene_of(values: dict[str, Any], positions: Iterable[tuple[float, float]] | 
 
 
 def profile_of(values: dict[str, Any], table: SunProfile | None, error: float = 0.0) -> Profile:
-    """Return the sun's profile, widened by the relative error `error`.
+    """Return the sun profile, widened by the relative error `error`.
 
     Raises Failure if the edge of the profile is not darker than its centre.
     """
@@ -152,8 +156,8 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
     Returns
     -------
     limb, power, level, residual : float
-        Brightness A at the limb relative to the centre of the fitted curve, and exponent xi between 0.5 and 10.
-        `level` is the curve's brightness at the disc centre, and `residual` is the root mean square residual. [1]
+        Limb brightness A relative to the centre of the fitted curve, and exponent xi, between 0.5 and 10. `level` is
+        the brightness of the curve at the disc centre, and `residual` is the root mean square residual. [1]
     """
     from scipy.optimize import minimize_scalar
 
@@ -173,7 +177,7 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
 def slopes_of(
     study: BackwardGazingStudy, values: dict[str, Any], seen: Any, *more: str, fit_gain: bool | None = None
 ) -> Found:
-    """Estimate slopes from images with the methods that a study selects, and with the additional methods `more`."""
+    """Estimate slopes from images with the study's methods and the additional methods `more`."""
     rows, methods = tuple(map(REFERENTIALS.index, study.referential)), (*study.method, *more)
     return find_slopes(
         seen.layout,
@@ -195,9 +199,9 @@ def results(
     """Return the variables that are common to simulated and measured images.
 
     `seen` contains the layout, mirror, sun, kept pixels, images and estimated slopes. `counted` contains the slopes
-    that are used for the estimates, shape (M, T, 2, N) [rad] for M methods and T referentials; unknown slopes are NaN.
-    For each method, `deviations` contains the standard deviations of the noise, shape (2, N) [rad], or None. `least`
-    contains the standard deviations of each pixel's slopes [rad].
+    that are used for the estimates, shape (M, T, 2, N) [rad], for M methods and T referentials; missing slopes are NaN.
+    For each method, `deviations` contains the standard deviation of the slope noise, shape (2, N) [rad], or None.
+    `least` contains the standard deviation of the slopes of each pixel, shape (2, N) [rad].
     """
     mirror, modules, cameras = seen.mirror, study.heliostat.rectangles, np.bitwise_count(seen.found.lit)
     focal = values["heliostat.focal_length"]
@@ -252,7 +256,7 @@ def over_modules(seen: Any, values: Floats) -> tuple[Floats, Floats, Integers]:
 
 
 class Simulation:
-    """Simulation of a study, with a cache for results that are common to consecutive points."""
+    """Simulation of a study, with a cache for results that consecutive points share."""
 
     def __init__(self, study: BackwardGazingStudy, table: SunProfile | None) -> None:
         self.study, self.table = study, table
@@ -266,11 +270,11 @@ class Simulation:
         """Render the images at a point and estimate the slopes. Raises Failure if the images cannot determine slopes.
 
         The result is a namespace with these attributes: `layout`; `mirror`; `keep`, shape (N,), True for pixels that
-        remain after erosion; `count`, the number of modules; `sun`, the profile that renders the images; `profile`, the
-        profile that estimates the slopes; `images`, shape (4, N); `share`, the standard deviation of image values if
-        camera pixels have the standard deviation 1 [1]; `true`, slopes relative to the ideal heliostat, shape (2, N);
-        `found`, the estimated slopes; `ideal`, slopes estimated for the ideal heliostat; and `net`, the difference
-        between `found` and `ideal`, shape (M, T, 2, N) [rad].
+        remain after erosion; `count`, the number of modules; `sun`, the profile for rendering the images; `profile`,
+        the profile for estimating the slopes; `images`, shape (4, N); `share`, the standard deviation of the image
+        values for camera noise with a standard deviation of 1 [1]; `true`, the true slopes relative to the ideal
+        heliostat, shape (2, N); `found`, the estimated slopes; `ideal`, the slopes estimated for the ideal heliostat;
+        and `net`, the difference between `found` and `ideal`, shape (M, T, 2, N) [rad].
         """
         seen = self._with(values)
         layout, sun, mirror, pixel = seen.layout, seen.sun, seen.mirror, values["heliostat.pixel"]
@@ -279,12 +283,12 @@ class Simulation:
         truth = self.modules, values["defects.focal_length"], values["defects.canting_scale"] * self.canting, pointing
         images, true = views.image_set(layout, mirror, sun, views.module_spheres(*truth), wavy)
         seed, noise, bits = (values[f"cameras.{key}"] for key in ("seed", "noise", "bits"))
-        own = 1.0 + values["cameras.gain_noise"] * normal_draws(int(seed), 4, CAMERAS)  # 4 is the stream for gains
+        own = 1.0 + values["cameras.gain_noise"] * normal_draws(int(seed), 4, CAMERAS)  # random stream 4 is for gains
         gains = (1.0 + values["cameras.gain_error"]) * np.maximum(own, 0.0)
         if (kind := values["cameras.images"]) != "mirror_grid":
             reach = np.abs(self.modules.centre) + 0.5 * self.modules.size
-            # A tilted mirror appears foreshortened and rotated. Each side of the image therefore fits the longer side
-            # of the mirror.
+            # A tilted mirror appears foreshortened and rotated. Both sides of the image are therefore long enough for
+            # the longer side of the mirror.
             side = 2 * math.ceil(float(reach.max()) / pixel) + 2 * 4  # with a margin
             cameras = views.pinholes(layout, (side, side), layout.distance / pixel)
             surface = views.heliostat(*truth, None if wavy is None else (mirror, wavy))
@@ -315,7 +319,7 @@ class Simulation:
     def bound(self, seen: Any, values: dict[str, Any], method: str | None = None) -> Floats:
         """Return the Cramer-Rao bound of the slopes, shape (2, N); NaN if fewer than 3 cameras are lit. [rad]
 
-        If the study sets `fit_gain`, the bound includes a fitted gain, unless `method` is A.
+        If the study sets `fit_gain`, the bound accounts for a fitted gain, unless `method` is A.
         """
         step = views.FULL_SCALE / (2.0 ** values["cameras.bits"] - 1.0) if values["cameras.bits"] else 0.0
         deviation = math.hypot(values["cameras.noise"], step / math.sqrt(12.0))  # noise, and rounding to levels
@@ -363,7 +367,7 @@ class Simulation:
         return made | {"slant_range": np.sqrt(layout.x**2 + layout.y**2 + up**2)[span]}
 
     def _scene(self, point: Point, way: Floats, sun: Floats, number: tuple[int, int]) -> dict[str, Any]:
-        """Compute the variables of one heliostat at one hour. Random seeds depend on the heliostat and the hour."""
+        """Compute the variables of one heliostat at one hour. The noise seed depends on the heliostat and the hour."""
         if not sun[2] > 0.0:
             return {"scene_status": names.NO_SUN}
         (sun_azimuth, sun_elevation), (azimuth, elevation) = _direction(sun), _direction(way)
@@ -463,7 +467,7 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
         rms = np.where(np.isfinite(slopes[:, :, 0]), np.sqrt(np.array(left) / cameras), np.nan)
         inner = (flags & (views.AT_EDGE | views.OUT_OF_FRAME)) == 0
         lit_fraction = (lit & inner).sum(axis=1) / inner.sum(axis=1)
-    # estimates use only slopes whose search converged
+    # only converged slopes are used for the estimates
     counted = np.where((quality & NOT_CONVERGED > 0)[:, np.newaxis, np.newaxis], np.nan, slopes)
     known = [np.where(np.isfinite(deviation), deviation, 0.0)] * count
     used, doubts = seen.keep & usable, quality | np.bitwise_or.reduce(flags, axis=0)
@@ -482,10 +486,10 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
 
 
 def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -> tuple[Floats, dict[str, Floats]]:
-    """Return the corners in all images, shape (4, 4, 2), and the variables of the registration.
+    """Return the corners in all images, shape (4, 4, 2), and the registration variables.
 
-    Corners are NaN for images with a known pinhole geometry, for which no corners are needed. If the heliostat is not
-    found, a ValueError with the index of the image and the reason is raised.
+    Images with a known pinhole geometry do not need corners, and have NaN. Raises a ValueError with the index of the
+    image and the reason if the heliostat is not found.
     """
     corners, found = shots.corners.copy(), np.full((len(names.REGISTERED), CAMERAS), math.nan)
     upright = views.pinholes(layout, shots.images.shape[1:], ANY_FOCAL) if shots.register.any() else None
@@ -508,7 +512,10 @@ def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -
 def _on_mirror(
     point: Point, seen: Any, focal_length: float, threshold: float, shots: Shots
 ) -> tuple[Floats, Integers, Floats, dict[str, Floats]]:
-    """Return the images, flags and noise factors on the mirror grid, and registration variables. Raises Failure."""
+    """Return the images, flags and noise factors on the mirror grid, and the registration variables.
+
+    Raises Failure if the geometry is impossible.
+    """
     if shots.rectified:
         images = shots.images[:, ::-1].reshape(CAMERAS, -1)[:, seen.mirror.place]  # grid rows start at the bottom
         flags = views.SATURATED * (images >= shots.saturation[:, np.newaxis])
@@ -589,7 +596,7 @@ def coordinates(study: BackwardGazingStudy, with_maps: bool) -> dict[str, Any]:
 
 
 def attributes(study: BackwardGazingStudy) -> dict[str, str]:
-    """Return the global attributes that describe the profile used by LM and the images."""
+    """Return the global attributes that describe the LM profile and the images."""
     found = {"profile_of_lm": "smooth fit" if study.smooth else "as it is"}
     if study.mode != "measured":
         return found
@@ -641,8 +648,8 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         if code == NOT_SEEN and mode != "field":
             which = "the heliostat" if status.size == 1 else f"{count:,} of {status.size:,} points"
             yield (
-                f"no slopes of {which}: all pixels are masked, because no pixel shows the reflected sun to three "
-                "cameras; check the aim, the geometry and the levels"
+                f"no slopes for {which}: all pixels are masked, because no pixel reflects the sun to three cameras; "
+                "check the aim, the geometry and the grey levels"
             )
         elif code != SEEN:
             words = names.STATUS[int(code)].replace("_", " ")
@@ -651,7 +658,7 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         never = (status == NOT_SEEN).all("hour")
         if bool(never.any()):
             count = f"{int(never.sum()):,} of {never.size:,}"
-            yield f"{count} heliostats are completely masked, because at no hour do three cameras see them"
+            yield f"{count} heliostats are completely masked, because they never reflect the sun to three cameras"
         return
     usable = result["usable_fraction"].where(status == SEEN)
     if mode == "measured":
@@ -659,8 +666,8 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
     elif bool((partly := usable.where(usable < 1.0)).notnull().any()):
         least, at = float(partly.min()), int(partly.notnull().sum())
         yield (
-            f"{at:,} of {int(usable.notnull().sum()):,} modules, counted for each method, are only partly seen by "
-            f"three cameras; the minimum is {math.floor(1000.0 * least) / 10.0:g} % of the pixels"
+            f"{at:,} of {int(usable.notnull().sum()):,} modules, counted for each method, are only partly visible "
+            f"to three cameras; the minimum is {math.floor(1000.0 * least) / 10.0:g} % of the pixels"
         )
     yield from _of_shapes(result)
 
@@ -677,37 +684,37 @@ def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
             yield (f"{name} is dark: {seen}; slopes depend on the other cameras", f"{name}: {seen} only")[lit >= DARK]
     source = set(str(result.attrs.get("white_levels", "")).split())
     how = {
-        SUN_IMAGE: "is from the sun's image, without the mirror",
-        BRIGHTEST: "is unknown and replaced by the brightest pixels of all images",
+        SUN_IMAGE: "is from the sun's image, which does not show the mirror",
+        BRIGHTEST: "is unknown and is replaced by the level of the brightest pixels in all images",
     }
     for origin in how.keys() & source:
         yield (
-            f"the level of white {how[origin]}: a gain is fitted at each pixel for O1, O2 and LM, but not for A. The "
-            "ratios between the levels of the cameras are unknown; with the paper's geometry, an error of 1 % "
-            "shifts all slopes by 0.06 mrad, like a pointing error. Give 'white', or WHITE in the metadata of each "
+            f"the white level {how[origin]}: a gain is fitted at each pixel for O1, O2 and LM, but not for A. The "
+            "ratios between the white levels of the cameras are unknown; in the paper's geometry, an error of 1 % "
+            "shifts all slopes by 0.06 mrad, like a pointing error. Set 'white', or WHITE in the metadata of each "
             "image"
         )
     gain = result["gain"].to_numpy()
     if np.any(np.abs(gain[np.isfinite(gain)] - 1.0) > 0.05) and not source & set(how):
-        yield f"the fitted gain is {np.nanmedian(gain):.3f}: check the level of white"
+        yield f"the fitted gain is {np.nanmedian(gain):.3f}: check the white level"
     residual = float(result["residual_rms"].isel(slope_method=-1).median())
     noise = float(result["pixel_noise"].median())
     if result.attrs.get("pixel_noise_from") == "study" and residual > MUCH * noise:
         yield (
-            f"the residuals, {residual:.2g} of the sun's centre, are much larger than the noise in the study, "
-            f"{noise:.2g}: the sun's profile, the geometry or a camera's gain is probably wrong, and uncertainties "
-            "are too small"
+            f"the residuals ({residual:.2g} of the brightness of the sun's centre) are much larger than the noise in "
+            f"the study ({noise:.2g}): the sun profile, the geometry or the gain of a camera is probably wrong, so the "
+            "uncertainties are too small"
         )
     least = usable.min([dim for dim in usable.dims if dim != "module"]).to_numpy()
     if (few := np.flatnonzero(least < HARDLY)).size:
         modules = ", ".join(f"{result['module'].to_numpy()[row]} ({100 * least[row]:.0f} %)" for row in few)
-        yield f"less than half of a module has slopes: module {modules}; its estimates depend on few pixels"
+        yield f"fewer than half of the pixels have slopes in module {modules}: the estimates depend on few pixels"
     known = result["slope_x"].notnull().any(dim="referential")
     for method in result["slope_method"].to_numpy():
         flagged = ((result["quality"] & NOT_CONVERGED) > 0) & known
         lost, all_ = (int(one.sel(slope_method=method).sum()) for one in (flagged, known))
         if lost > 0.01 * max(1, all_):
-            yield f"{100 * lost / all_:.3g} % of the slopes of {method} did not converge (quality {NOT_CONVERGED})"
+            yield f"{100 * lost / all_:.3g} % of the {method} slopes did not converge (quality {NOT_CONVERGED})"
 
 
 def _of_shapes(result: xr.Dataset) -> Iterator[str]:
@@ -727,7 +734,7 @@ def _of_shapes(result: xr.Dataset) -> Iterator[str]:
             f"not spherical: module{'s' * (numbers.size > 1)} {', '.join(map(str, numbers))}; module "
             f"{int(worst['module'])} has focal lengths of {float(worst['focal_length_long']):.4g} m along "
             f"{float(worst['focal_axis']):.0f} deg from horizontal and {float(worst['focal_length_short']):.4g} m "
-            f"across ({method}); focal_length_estimate is the mean of both"
+            f"across ({method}); focal_length_estimate is based on the mean curvature of all modules"
         )
     ideal = best["focal_length" if "focal_length" in best.coords else "distance"]
     away = abs(estimate / ideal - 1.0)
@@ -735,7 +742,7 @@ def _of_shapes(result: xr.Dataset) -> Iterator[str]:
     if bool(off.any()):
         far, there = (each.isel(away.where(off).fillna(0.0).argmax(...)) for each in xr.broadcast(estimate, ideal))
         yield (
-            f"the estimated focal length is {float(far):.4g} m, and the focal length of the ideal heliostat "
-            f"{float(there):.4g} m: canting is relative to the ideal heliostat, so modules away from the centre are "
-            "canted by the difference"
+            f"the estimated focal length is {float(far):.4g} m, but the ideal heliostat has a focal length of "
+            f"{float(there):.4g} m: canting is relative to the ideal heliostat, so the canting of modules away from "
+            "the centre includes the difference"
         )

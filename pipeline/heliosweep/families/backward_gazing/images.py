@@ -1,15 +1,15 @@
 """Read images of the heliostat or the sun, with camera data, grey levels and metadata.
 
-NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys of `blocks.METADATA`. They are
-stored as FITS header cards, PNG text chunks, or lines ``KEY = value`` in a TIFF ImageDescription.
-Values in the study have priority over metadata. The first row of an image is its top row. FITS files store the bottom
-row first, unless the card ROWORDER is TOP-DOWN.
+NPY, PNG, TIFF and FITS files are read as grey levels. Metadata are numbers with the keys in `blocks.METADATA`. They are
+stored as FITS header cards, PNG text chunks, or lines ``KEY = value`` in a TIFF ImageDescription. Values in the study
+have priority over metadata. The first row of an image is its top row. FITS files store the bottom row first, unless the
+ROWORDER card is TOP-DOWN.
 
-If the corners of the heliostat are not marked, the heliostat is located with scikit-image. Rotation, scale and shift
-are computed by phase correlation: the lit pixels are compared with the silhouette of the modules in an upright image.
-Then each side of the heliostat is located to a fraction of a pixel. Brightness profiles across the side give its offset
-at many positions, and a line is fitted to the offsets by RANSAC. The corners are the intersections of adjacent sides.
-A camera may be rotated by at most 40 deg, because the layout of the modules looks the same upside down.
+If neither the corners of the heliostat nor the pinhole geometry is known, the heliostat is located with scikit-image.
+The rotation, scale and shift are found by phase correlation of the lit pixels with the silhouette of the modules in an
+upright image. Each side of the heliostat is then located to a fraction of a pixel. Brightness profiles across a side
+give its offset at many positions, and a line is fitted to the offsets by RANSAC. The corners are the intersections of
+adjacent sides. A camera may be rotated by at most 40 deg, because the layout of the modules looks the same upside down.
 """
 
 from __future__ import annotations
@@ -45,13 +45,14 @@ GEOMETRY = {
 }  # fmt: skip
 #: Sources of a white level. Only white levels from the study or the metadata are measured through the mirror.
 KNOWN_WHITE, SUN_IMAGE, BRIGHTEST = ("study", "metadata"), "sun_image", "brightest_pixels"
-#: Focal length that is used if corners are marked and the focal length is unknown. The value is arbitrary, because the
-#: homography contains the scale. [pixels]
+#: Focal length used if the focal length of a camera is unknown. The value is arbitrary, because the homography contains
+#: the scale. [pixels]
 ANY_FOCAL = 1000.0
-#: Maximum distance between a side and its expected position in each round. Half the blur width of a side. Width of the
-#: bands along a side in which the bright and dark levels are measured. All in pixels.
+#: Settings for locating a side [pixels]: maximum distance from its expected position in each round, half the width of
+#: its blur, and width of the bands in which the bright and dark levels are measured.
 REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
-#: Sample spacing along and across a side. Maximum distance between an offset and the fitted line. All in pixels.
+#: Settings for fitting a line to a side [pixels]: sample spacing along and across the side, and maximum distance of an
+#: inlier from the line.
 ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
 #: Minimum brightness of a lit pixel relative to the sun's centre, and maximum fraction of the pixels at the image edge
 #: that are brighter than half the sun's centre. [1]
@@ -64,14 +65,14 @@ class Picture(NamedTuple):
     Attributes
     ----------
     levels : ndarray, shape (rows, columns)
-        Grey levels with the top row first; NaN for invalid pixels. [levels]
+        Grey levels, with the top row first and NaN for invalid pixels.
     saturation : float
-        Minimum level of a saturated pixel. The default is the maximum of the data type. If the brightest pixel has the
-        maximum level of a sensor with 8, 10, 12, 14 or 16 bits, this maximum level is used.
+        Minimum level of a saturated pixel. If the brightest pixel has the maximum level of a sensor with 8, 10, 12, 14
+        or 16 bits, this level is used, and otherwise the maximum of the data type.
     metadata : dict
-        Metadata values of the file, for keys in `METADATA`.
+        Metadata values in the file, by key of `METADATA`.
     name : str
-        Name of the file in the study.
+        File name in the study.
     """
 
     levels: Floats
@@ -89,7 +90,7 @@ def read_picture(path: Path, name: str) -> Picture:
     path : pathlib.Path
         NPY file (a two-dimensional array of numbers), PNG or TIFF file (one grey channel), or FITS file (first image).
     name : str
-        Name of the file in messages.
+        File name in error messages.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def read_picture(path: Path, name: str) -> Picture:
         levels, said, top = _contents(path)
         if levels.ndim != 2 or levels.dtype.kind not in "iuf":
             raise ValueError(
-                f"it has {levels.ndim} axes of {levels.dtype}, but must have rows and columns of grey levels"
+                f"it has {levels.ndim} dimensions of {levels.dtype}, but must be a two-dimensional array of grey levels"
             )
         if levels.size > MAX_PIXELS or min(levels.shape) < MIN_SIDE:
             raise ValueError(f"it has {levels.shape[1]} x {levels.shape[0]} pixels, but must have at least "
@@ -170,12 +171,12 @@ def _metadata(said: Mapping[str, Any], name: str) -> dict[str, float]:
 
 @read_once(4)
 def read_disc(path: Path, name: str) -> SunProfile:
-    """Read the brightness profile of the sun's disc relative to the brightness at its centre.
+    """Read a sun profile: brightness relative to the centre of the disc.
 
     Parameters
     ----------
     path, name
-        File to read, and name of the file in messages.
+        File to read, and file name in error messages.
 
     Raises
     ------
@@ -200,7 +201,7 @@ def read_disc(path: Path, name: str) -> SunProfile:
     return profile
 
 
-#: Type of the object that `read_shots` returns: images of a study with camera data and grey levels.
+#: Images of a study with camera data and grey levels, as returned by `read_shots`.
 Shots = SimpleNamespace
 
 
@@ -220,15 +221,15 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     register : ndarray of bool, shape (4,)
         True for images in which the heliostat must be located.
     focal, centre, roll : ndarray, shape (4,), (4, 2) and (4,)
-        Focal lengths [pixels], column and row of the line of sight [pixels], and rotations [rad] of the cameras.
+        Focal length [pixels], column and row of the line of sight [pixels], and rotation [rad] of each camera.
     corners : ndarray, shape (4, 4, 2)
-        Marked corners (column, row), NaN if not marked.
+        Marked corners (column, row); NaN if not marked. [pixels]
     positions : tuple or None
-        Positions of the cameras in the target's plane; None if arrangement and radius are used. [m]
+        Positions of the cameras in the target plane; None if arrangement and radius are used. [m]
     geometry : dict
-        Values of study keys that are taken from the metadata.
+        Values taken from the metadata, by study key.
     white, white_from : ndarray, shape (4,), and tuple of str
-        White levels, and the source of each level (`KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`).
+        White level of each image, and source of each level (`KNOWN_WHITE`, `SUN_IMAGE` or `BRIGHTEST`).
     needs_gain : bool
         True if a gain must be fitted for each pixel, because a white level was not measured through the mirror.
     noise : float
@@ -241,7 +242,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     rows, columns = levels[0].shape
 
     def each(key: str, others: Any, stated: float | None = None) -> Floats:
-        """Return the value in the study if given, otherwise the values in the metadata, otherwise `others`."""
+        """Return the value in the study if there is one, otherwise the values in the metadata or in `others`."""
         found = [one.get(key, other) for one, other in zip(said, np.broadcast_to(others, len(said)), strict=True)]
         return np.array(found if stated is None else [stated] * len(said), np.float64)
 
@@ -257,8 +258,8 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     if not rectified and np.any(lost := ~np.isfinite(focal) & ~marked & ~search):
         number = int(np.argmax(lost))
         raise StudyError(study.problem(f"images[{number}]", (
-            f"the position of the mirror in {entries[number].file} is unknown: mark its 'corners', give FOCALPIX in "
-            "its metadata, or set image_geometry.registration"
+            f"the position of the mirror in {entries[number].file} is unknown: mark the 'corners', give FOCALPIX in "
+            "the metadata, or set image_geometry.registration"
         )))  # fmt: skip
     darks = each("DARK", 0.0, settings.dark)
     white, white_from = _white(study, settings.white, pictures, darks)
@@ -299,7 +300,7 @@ def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
     stated: Any = study.sun.angular_radius or 1e3 * EPS_MAX  # not swept
     radius = 1e-3 * (stated if pixel is None else pixel * disc.radius)
     if not 3e-3 < radius < 7e-3:
-        message = f"its disc of {disc.radius:.1f} pixels would have a radius of {1e3 * radius:.3g} mrad (expected 4.65)"
+        message = f"its disc radius of {disc.radius:.1f} pixels would be {1e3 * radius:.3g} mrad (expected 4.65)"
         raise StudyError(Problem(f"{message}: correct sun.pixel_angle or PIXANGLE", key, name))
     rises = int(np.count_nonzero(np.diff(disc.brightness) > 0.0))
     note = (
@@ -348,7 +349,7 @@ def _pictures(study: BackwardGazingStudy) -> list[Picture]:
     (rows, columns), _ = Counter(one.levels.shape for one in pictures).most_common(1)[0] if pictures else ((0, 0), 0)
     for number, one in enumerate(pictures if not problems else ()):
         if one.levels.shape != (rows, columns):
-            size = f"{one.levels.shape[1]} x {one.levels.shape[0]} pixels, but others have {columns} x {rows}"
+            size = f"{one.levels.shape[1]} x {one.levels.shape[0]} pixels, but the others have {columns} x {rows}"
             message = f"{one.name} has {size}: all images must have the same size"
             problems.append(study.problem(f"images[{number}]", message))
     if problems:
@@ -362,7 +363,7 @@ def _white(
     said = [one.metadata.get("WHITE") for one in pictures]
     known = stated is not None or None not in said or study.sun.image is None
     level = math.nan if known else _disc(study, str(study.sun.image))[1].level
-    # All cameras use one level. With separate levels, the brightest pixel of each camera would determine its scale.
+    # All cameras share one level, because otherwise the brightest pixel of each camera would determine its scale.
     highest = max(bright_level(picture.levels) - each for picture, each in zip(pictures, dark, strict=True))
     pairs = [
         (stated, "study") if stated is not None else
@@ -373,7 +374,7 @@ def _white(
     ]  # fmt: skip
     for number, ((white, _), each) in enumerate(zip(pairs, dark, strict=True)):
         if not white > each:
-            message = f"the level of white, {white:g}, is not above the dark level, {each:g}: correct white and dark"
+            message = f"the white level, {white:g}, is not above the dark level, {each:g}: correct white or dark"
             raise StudyError(Problem(message, f"images[{number}]", pictures[number].name))
     return np.array([white for white, _ in pairs]), tuple(source for _, source in pairs)
 
@@ -387,8 +388,8 @@ def _positions(study: BackwardGazingStudy, said: list[dict[str, float]]) -> tupl
     )
     if 0 < len(found) < len(said):
         message = (
-            f"the position of the camera is known for {len(found)} images of {len(said)}: give it for all "
-            "images or for none"
+            f"the camera position is known for only {len(found)} of {len(said)} images: give it for all images or for "
+            "none"
         )
         raise StudyError(study.problem("images", message))
     return found or study.cameras.positions
@@ -403,7 +404,7 @@ def _geometry(study: BackwardGazingStudy, pictures: list[Picture]) -> dict[str, 
             continue
         values = {number: one.metadata[key] for number, one in enumerate(pictures) if key in one.metadata}
         if not values:
-            message = f"is missing, in the study and as {key} in the metadata of the images"
+            message = f"is missing from the study, and {key} from the metadata of the images"
             raise StudyError(study.problem(dotted, message))
         found[dotted] = first = next(iter(values.values()))
         for number, value in values.items():
@@ -454,7 +455,7 @@ def register(
         raise ValueError("registration needs scikit-image: pip install 'heliosweep[images]'") from None
     seen = np.nan_to_num(image, posinf=0.0, neginf=0.0)
     if np.mean(np.concatenate((seen[0], seen[-1], seen[1:-1, 0], seen[1:-1, -1])) > 0.5) > MOST_CUT:
-        raise ValueError("it is lit up to the edge of the image, which probably cuts off the heliostat")
+        raise ValueError("it is lit up to the edge of the image, so the heliostat is probably cut off")
     ends = outline(modules).T
     predicted = upright(ends).T
     whole: Any = _coarse(seen, upright, modules)
@@ -467,13 +468,13 @@ def register(
     across, down = whole(middle + np.eye(2)) - whole(middle)
     long, short = np.linalg.svd(np.stack((across, down)), compute_uv=False)
     if long > 1.02 * short:  # ratio 1.002 for a correct result, 1.056 if THEMIS is rotated by 90 deg
-        raise ValueError(f"its image is stretched by {100 * (long / short - 1):.0f} %, as if rotated by over 40 deg")
+        raise ValueError(f"its image is stretched by {100 * (long / short - 1):.0f} %, as if rotated by > 40 deg")
     centre = whole(upright(np.zeros((2, 1))).T)[0]
     return corners, math.atan2(across[1], across[0]), float(np.hypot(*across)), centre, residual
 
 
 def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules) -> Any:
-    """Return the rotation, scale and shift with which the silhouette best fits the lit pixels."""
+    """Return the rotation, scale and shift that best fit the silhouette of the modules to the lit pixels."""
     from scipy.ndimage import map_coordinates, uniform_filter
     from skimage.draw import polygon
     from skimage.registration import phase_cross_correlation
@@ -491,7 +492,7 @@ def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules)
     quads, ends = upright(corners.reshape(2, -1)).T, upright(outline(modules).T)
     area = abs(np.linalg.det(np.diff(ends[:, :3], axis=1)))
     about, best = math.sqrt(small.sum() * step**2 / area), (-1.0, None)
-    # The first estimate of the scale follows from the lit area. This estimate is too small if modules are dark.
+    # The initial scale is estimated from the lit area. This estimate is too small if modules are dark.
     for scale in about * np.exp(np.arange(-0.16, 0.53, 0.06)):
         for turn in np.radians(np.arange(-40.0, 41.0, 4.0)):
             map_ = SimilarityTransform(translation=-ends.mean(axis=1)) + SimilarityTransform(scale=scale, rotation=turn)
@@ -509,9 +510,9 @@ def _coarse(seen: Floats, upright: Callable[[Floats], Floats], modules: Modules)
 def _corners(
     seen: Floats, upright: Callable[[Floats], Floats], whole: Any, ends: Floats, reach: float
 ) -> tuple[Floats, float]:
-    """Locate the sides of the heliostat within the distance `reach` of their expected positions.
+    """Locate the sides of the heliostat within the distance `reach` of their expected positions. [pixels]
 
-    Return the corners, shape (4, 2), and the root mean square residual. [pixels]
+    Returns the corners, shape (4, 2), and the root mean square residual.
     """
     from scipy.ndimage import map_coordinates
     from skimage.measure import LineModelND, ransac

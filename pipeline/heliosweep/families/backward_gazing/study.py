@@ -1,4 +1,4 @@
-"""Study file model of the `backward_gazing` family, with checks of its blocks and its files."""
+"""Study file model of the `backward_gazing` family, with checks of its blocks and files."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ MODES = {
 #: Keys that are required for a single heliostat, but computed for the heliostats of a field.
 PLACE = (("heliostat", "distance"), ("target", "azimuth"), ("target", "elevation"), ("sun", "azimuth"),
          ("sun", "elevation"))  # fmt: skip
-#: Problems in a study, and notes as strings.
+#: Problems in a study, and notes (strings).
 Found = Iterator[Problem | str]
 #: Maximum number of pixels on a mirror.
 MAX_PIXELS = 20_000_000
@@ -56,7 +56,7 @@ SIMULATED = (
 
 @dataclass(frozen=True)
 class Names(Choice):
-    """One or more names, in the order of the study. The names always form a dimension, but never a sweep."""
+    """One or more names in the order of the study. The names always form a dimension, but cannot be swept."""
 
     sweep: bool = field(default=False, kw_only=True)
 
@@ -79,7 +79,7 @@ class BackwardGazingStudy(Study):
     target: Annotated[Target, Field(description="Target with the cameras")] = Target()
     sun: Annotated[Sun, Field(description="Position and brightness profile of the sun")] = Sun()
     field: Annotated[
-        HeliostatField | None, Field(description="Heliostats of a field instead of one; mode: simulated only")
+        HeliostatField | None, Field(description="Field of heliostats instead of a single one; mode: simulated only")
     ] = None
     cameras: Annotated[Cameras, Field(description="Four cameras")] = Cameras()
     images: Annotated[
@@ -87,27 +87,27 @@ class BackwardGazingStudy(Study):
         Field(description="The four images, in the order of the cameras; mode: measured only"),
     ] = None
     image_geometry: Annotated[
-        ImageGeometry | None, Field(description="Levels and grid of the images; mode: measured only")
+        ImageGeometry | None, Field(description="Grey levels and grid of the images; mode: measured only")
     ] = None
     defects: Annotated[Defects, Field(description="Defects of the heliostat; mode: simulated only")] = Defects()
     sun_profile: Annotated[
         str | Sweep, Choice("Brightness profile of the sun", PROFILES, title="brightness profile of the sun")
     ] = "jose"
-    profile_noise: Annotated[ProfileNoise, Field(description="Table of sun_profile: noisy")] = ProfileNoise()
+    profile_noise: Annotated[ProfileNoise, Field(description="Noisy table for sun_profile: noisy")] = ProfileNoise()
     profile_error: Annotated[
         float | Sweep,
-        Quantity("Relative error of the solar radius assumed for the slopes, compared with the "
+        Quantity("Relative error of the solar radius assumed for estimating slopes, compared with the "
                  "radius in the images", "1", gt=-0.5, le=0.5,
                  title="relative error of the assumed solar radius"),
     ] = 0.0  # fmt: skip
-    method: Annotated[tuple[str, ...], Names("Methods to estimate slopes", METHODS)] = tuple(METHODS)
+    method: Annotated[tuple[str, ...], Names("Methods for estimating slopes", METHODS)] = tuple(METHODS)
     referential: Annotated[
         tuple[str, ...],
-        Names("Conversion of wavefront slopes to mirror slopes, for A and O1", REFERENTIALS),
+        Names("Conversion of wavefront slopes to mirror slopes, for methods A and O1", REFERENTIALS),
     ] = tuple(REFERENTIALS)
-    fit_gain: Annotated[bool, Flag("True to fit a gain at each pixel, common to all cameras; not for A")] = False
+    fit_gain: Annotated[bool, Flag("True to fit a gain at each pixel, common to all cameras; not for method A")] = False
     fit_profile: Annotated[
-        str | None, Choice("Profile for LM if the sun profile is a table", FIT_PROFILES, sweep=False)
+        str | None, Choice("Sun profile for method LM if the profile is a table", FIT_PROFILES, sweep=False)
     ] = None
     erosion: Annotated[
         int | Sweep,
@@ -118,7 +118,7 @@ class BackwardGazingStudy(Study):
 
     def reserved_names(self) -> frozenset[str]:
         """Return the names of variables and coordinates, which layout columns must not use."""
-        # this module imports xarray, which studies without a layout do not need
+        # the variables module imports xarray, which studies without a layout do not need
         from heliosweep.families.backward_gazing import variables as names
 
         keys = (
@@ -147,22 +147,23 @@ class BackwardGazingStudy(Study):
             faults += [
                 (self.field is not None, only.format("simulated"), ("field",), False),
                 (not self.images, "'images' is missing: give the names of four image files", (), False),
-                (number not in (0, 4), f"must be four images, one for each camera (got {number})",
+                (number not in (0, 4), f"must contain four images, one for each camera (got {number})",
                  ("images",), False),
                 (self.defects != Defects(), "describes a simulated heliostat: remove it", ("defects",), False),
                 (None not in (sun.profile, sun.image),
                  "and sun.image both give the sun's profile: remove one of them", ("sun", "profile"), False),
                 (isinstance(sun.angular_radius, Sweep) and sun.image is not None,
-                 "must be a single value with an image of the sun", ("sun", "angular_radius"), True),
+                 "must be a single value if sun.image is given", ("sun", "angular_radius"), True),
                 (output.raw_slopes, "is only for mode: simulated", ("output", "raw_slopes"), True),
-                (isinstance(self.sun_profile, Sweep), "must be one profile in mode: measured", ("sun_profile",), True),
+                (isinstance(self.sun_profile, Sweep), "must be a single profile in mode: measured",
+                 ("sun_profile",), True),
             ]  # fmt: skip
         else:
             for block, key in PLACE:
                 given, purpose = getattr(self, block), type(getattr(self, block)).parameter(key).purpose
                 faults += [
                     (self.field is not None and getattr(given, key) is not None,
-                     "follows from 'field': remove it", (block, key), False),
+                     "is computed from 'field': remove it", (block, key), False),
                     (self.field is None and getattr(given, key) is None,
                      f"'{block}.{key}' is missing: {purpose}", (), False),
                 ]  # fmt: skip
@@ -188,7 +189,7 @@ class BackwardGazingStudy(Study):
 
 
 def _modules(study: BackwardGazingStudy) -> Found:
-    """Check that modules do not overlap, that canting and curvature refer to modules, and all focal lengths."""
+    """Check the modules, the module numbers of the defects, and the focal lengths and distance."""
     modules = study.heliostat.rectangles
     for one, other in itertools.combinations(range(len(modules.size)), 2):
         shared = 0.5 * (modules.size[one] + modules.size[other]) - np.abs(modules.centre[one] - modules.centre[other])
@@ -203,12 +204,14 @@ def _modules(study: BackwardGazingStudy) -> Found:
     for block, key in (("heliostat", "focal_length"), ("heliostat", "distance"), ("defects", "focal_length")):
         value = getattr(getattr(study, block), key)
         if value is not None and min(ends(value)) <= least:
-            message = f"must be more than {least:.3g} m, the reach of the heliostat from its centre"
+            message = (
+                f"must be more than {least:.3g} m, the distance from the heliostat's centre to its farthest corner"
+            )
             yield study.problem(f"{block}.{key}", f"{message} (got {min(ends(value)):g})")
 
 
 def _pixels(study: BackwardGazingStudy) -> Found:
-    """Check that every module has pixels, and that the number of pixels is not too large."""
+    """Check that each module has pixels, and that there are not too many pixels."""
     modules = study.heliostat.rectangles
     largest, smallest = max(ends(study.heliostat.pixel)), min(ends(study.heliostat.pixel))
     side, number = float(modules.size.min()), int(np.argmin(modules.size.min(axis=1))) + 1
@@ -219,14 +222,14 @@ def _pixels(study: BackwardGazingStudy) -> Found:
         (largest > side, "heliostat.pixel",
          f"must be at most {side:g} m, the shorter side of module {number} (got {largest:g})"),
         (count > MAX_PIXELS, "heliostat.pixel",
-         f"is too small: {count:.3g} pixels are more than {MAX_PIXELS:,} (got {smallest:g})"),
+         f"is too small: the mirror has {count:.3g} pixels, more than {MAX_PIXELS:,} (got {smallest:g})"),
         (side / largest <= 2 * lost + 1, "erosion",
-         f"leaves no pixels of {largest:g} m of module {number}, {side:g} m wide: reduce it, or reduce "
+         f"leaves no pixels of {largest:g} m on the {side:g} m side of module {number}: reduce it, or reduce "
          f"heliostat.pixel (got {lost:g})"),
     ]  # fmt: skip
     yield from [study.problem(*fault) for wrong, *fault in faults if wrong][:1]
     if isinstance(study.heliostat.pixel, Sweep) and study.mode == "measured":
-        yield study.problem("heliostat.pixel", "cannot be swept in mode: measured, because its maps have one grid")
+        yield study.problem("heliostat.pixel", "cannot be swept in mode: measured, because all maps share one grid")
     elif isinstance(study.heliostat.pixel, Sweep) and study.output.maps:
         yield study.problem(
             "output.maps", "must be false if heliostat.pixel is swept, because each pixel size has its own grid"
@@ -240,7 +243,7 @@ def _cameras(study: BackwardGazingStudy) -> Found:
     if cameras.positions is not None:
         placed = [np.array(cameras.positions)]
         if geometry.in_line(placed[0]):
-            yield study.problem("cameras.positions", "are in one line and cannot determine two slopes")
+            yield study.problem("cameras.positions", "are collinear and cannot determine two slopes")
             return
     if target.azimuth is None or target.elevation is None:
         return
@@ -251,7 +254,7 @@ def _cameras(study: BackwardGazingStudy) -> Found:
         for places in placed
         for azimuth, up, tilt, face in angles
     ):
-        message = "the target is seen edge-on: its cameras are in one line and cannot determine two slopes"
+        message = "the target is seen edge-on, so its cameras are collinear and cannot determine two slopes"
         yield study.problem("target.elevation", message)
 
 
@@ -272,7 +275,7 @@ def _profile(study: BackwardGazingStudy) -> Found:
 
 
 def _layout(study: BackwardGazingStudy) -> Found:
-    """Check that no heliostat of a field is at the target."""
+    """Check that no heliostat of a field reaches the target."""
     if study.field is None or any(key.startswith("field.layout.") for key in study.sweeps()):
         return
     layout = Layouts(study, "field.layout")[()]
@@ -280,12 +283,12 @@ def _layout(study: BackwardGazingStudy) -> Found:
     level = np.hypot(layout.x, layout.y)
     near = np.hypot(level, np.array(above)[:, np.newaxis] - layout.z).min(axis=0)
     for row in np.flatnonzero(near <= study.heliostat.reach)[:1].tolist():
-        yield study.problem("field.layout", f"{layout.where(row)} reaches to the target, {near[row]:.3g} m away")
+        yield study.problem("field.layout", f"{layout.where(row)} reaches the target, which is {near[row]:.3g} m away")
     if "heliostat" in ends(study.field.facing):
         for row in np.flatnonzero((level < _SLACK) & (near > study.heliostat.reach)).tolist():
             yield (
-                f"{layout.where(row)} is at the foot of the tower. Therefore the azimuths and the direction of a "
-                "target that faces this heliostat (facing: heliostat) are arbitrary"
+                f"{layout.where(row)} is at the foot of the tower, so its azimuths and the direction of a target "
+                "that faces it (facing: heliostat) are arbitrary"
             )
 
 
@@ -304,7 +307,7 @@ def _measured(study: BackwardGazingStudy) -> Found:
         yield from error.problems
     shots = read_shots(study)
     if shots.positions not in (None, study.cameras.positions) and geometry.in_line(np.array(shots.positions)):
-        yield study.problem("images", "the cameras are in one line and cannot determine two slopes")
+        yield study.problem("images", "the cameras are collinear and cannot determine two slopes")
     rows, columns = shots.images.shape[1:]
     shape = geometry.mirror_grid(study.heliostat.rectangles, study.heliostat.pixel).module.shape
     if not shots.rectified:
@@ -313,7 +316,7 @@ def _measured(study: BackwardGazingStudy) -> Found:
             yield from _registration_problems(study, shots)
     elif (rows, columns) != shape:
         yield study.problem("images", (
-            f"have {columns} x {rows} pixels, but the mirror has {shape[1]} x {shape[0]} of "
+            f"have {columns} x {rows} pixels, but the mirror grid has {shape[1]} x {shape[0]} pixels of "
             f"{study.heliostat.pixel:g} m: use images on this grid, or mark the 'corners' of the heliostat"
         ))  # fmt: skip
     yield from _contradictions(study, shots)
@@ -323,7 +326,7 @@ def _measured(study: BackwardGazingStudy) -> Found:
 def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
     """Check that the marked corners are inside the image, in the right order, and enclose a heliostat."""
     rows, columns = shots.images.shape[1:]
-    order = "mark upper left, upper right, lower right and lower left of the heliostat"
+    order = "mark the upper left, upper right, lower right and lower left corner of the heliostat"
     for number in np.flatnonzero(np.isfinite(shots.corners).all(axis=(1, 2))).tolist():
         key, corners = f"images[{number}].corners", shots.corners[number]
         ahead, before = np.roll(corners, -1, axis=0) - corners, corners - np.roll(corners, 1, axis=0)
@@ -332,10 +335,10 @@ def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
         outside = np.count_nonzero(np.any(np.abs(corners - middle) > middle + 1.0, axis=1))
         message = f"{outside} of 4 corners are outside the image of {columns} x {rows} pixels"
         faults = {
-            f"three of the corners are nearly in one line; {order}":
+            f"three of the corners are nearly collinear; {order}":
                 np.abs(turns).min() <= 0.05 * np.abs(turns).max(),
             f"are not in clockwise order around the heliostat; {order}": turns.min() < 0.0,
-            f"enclose {0.5 * turns.sum():.3g} pixels, which are too few for slopes": 0.5 * turns.sum() < 16.0,
+            f"enclose {0.5 * turns.sum():.3g} pixels, which are too few to estimate slopes": 0.5 * turns.sum() < 16.0,
             message: outside > 2,
         }  # fmt: skip
         if wrong := next((text for text, holds in faults.items() if holds), ""):
@@ -358,9 +361,9 @@ def _registration_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
         return
     except ValueError as error:
         if len(error.args) == 2:
-            message = f"the heliostat is not found in {study.images[error.args[0]].file}: {error.args[1]}"  # type: ignore[index]  # four
+            message = f"the heliostat was not found in {study.images[error.args[0]].file}: {error.args[1]}"  # type: ignore[index]  # four
             yield study.problem(
-                f"images[{error.args[0]}]", f"{message}: mark its 'corners', or give FOCALPIX in its metadata"
+                f"images[{error.args[0]}]", f"{message}: mark the 'corners', or give FOCALPIX in the metadata"
             )
 
 
@@ -374,12 +377,12 @@ def _contradictions(study: BackwardGazingStudy, shots: Shots) -> Iterator[str]:
         for value in {one[key]: None for one in shots.metadata if key in one and not isinstance(stated, Sweep | None)}:
             away = abs((value - stated + 180.0) % 360.0 - 180.0), abs(value / (stated or 1.0) - 1.0)
             if away[key == "DISTANCE"] > (0.05, 1e-3)[key == "DISTANCE"]:  # deg, or relative
-                other = f"{key} {value:g} in the metadata of images"
+                other = f"{key} is {value:g} in the metadata of images"
                 yield f"{dotted} is {stated:g} in the study, but {other}: the study is used"
 
 
 def _level_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
-    """Yield problems and notes about images that are dark, saturated, or have a single level."""
+    """Yield problems and notes about dark, saturated and uniform images."""
     from heliosweep.families.backward_gazing.images import bright_level
 
     least, dark = float(min(ends(study.cameras.threshold))), []
@@ -390,7 +393,7 @@ def _level_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
         over = int(np.count_nonzero(known >= limit)) / max(1, lit)
         message = f"{name}: {100 * over:.3g} % of its lit pixels are saturated"
         if float(np.ptp(known)) == 0.0:
-            yield study.problem(key, f"{name} has the same level everywhere: check if it is dark or saturated")
+            yield study.problem(key, f"{name} has the same level everywhere: check whether it is dark or saturated")
         elif over > 0.5:
             yield study.problem(key, f"{message}; use a shorter exposure")
         elif over > 0.0:
@@ -399,7 +402,7 @@ def _level_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
             yield f"{name}: {image.size - known.size:,} of its pixels are not valid numbers and are not used"
         if bright_level(known) < least:
             dark.append(name)
-    message = f"their brightest pixels are below {least:g} of the level of white"
+    message = f"their brightest pixels are below {least:g} of the white level"
     if len(dark) > 1:
         message = f"{' and '.join(dark)} are dark: {message}, and slopes need three cameras"
         yield study.problem("images", f"{message}; use a longer exposure, or correct 'white'")

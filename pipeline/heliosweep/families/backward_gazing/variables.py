@@ -1,7 +1,7 @@
-"""Names, CF attributes and definitions of the variables, flags and coordinates, in the order of the result file.
+"""Names, definitions and CF attributes of variables, flags and coordinates, in the order of the result file.
 
-As in Table 1 of Defieux et al. (2020), X is the horizontal and Y the vertical direction. X is the y axis of the mirror,
-to the right as seen from the target. Y is the z axis of the mirror, upwards.
+X is the horizontal and Y is the vertical direction, as in Table 1 of Defieux et al. (2020). X is the y axis of the
+mirror, to the right as seen from the target. Y is the z axis of the mirror, upwards.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ STATUS = {
     NOT_IDENTIFIABLE: "cameras_in_one_line_or_no_reflection_possible",
     NO_PROFILE: "noise_makes_the_sun_no_darker_at_its_edge",
 }
-#: Bits of `quality`. The search for slopes sets the first three bits. Only measured images have the last two bits.
+#: Bits of `quality`. The search for slopes sets the first three bits. The last two bits are set only for measured
+#: images.
 QUALITY = {
     NOT_CONVERGED: "not_converged",
     UNLIT: "fewer_than_three_cameras_lit",
@@ -44,7 +45,7 @@ QUALITY = {
 }
 
 PLANE = ("z", "y")
-#: Number of positions on the disc at which the sun's profile is stored.
+#: Number of positions at which the sun profile is stored.
 NODES = 101
 OF_METHOD = ("slope_method", "referential")
 OF_MODULE = (*OF_METHOD, "module")
@@ -69,8 +70,8 @@ _ESTIMATES = {
         "canting_%",
         OF_MODULE,
         "% slope at the centre of a module minus the pointing of the heliostat",
-        "correction required at the adjusting screws, relative to the ideal heliostat; modules on a sphere of "
-        "another focal length are therefore canted; from a plane through the slopes of the eroded module",
+        "correction required at the adjustment screws, relative to the ideal heliostat; modules on a sphere with "
+        "a different focal length therefore have canting; from a plane fitted to the slopes of the eroded module",
     ),
     **_both(
         "canting_%_standard_error",
@@ -78,22 +79,22 @@ _ESTIMATES = {
         "standard error of the % canting",
         "includes only the scatter of the slopes in the module and in the modules that determine the pointing",
     ),
-    **_both("waviness_%", OF_MODULE, "root mean square of the % slopes of a module about a plane"),
+    **_both("waviness_%", OF_MODULE, "root mean square of the % slopes of a module about a fitted plane"),
     **_both(
         "pointing_%",
         OF_METHOD,
         "% pointing error of the heliostat",
-        "median of the slopes at the centres of its modules relative to a sphere of focal_length_estimate",
+        "median over the modules of the slopes at their centres, relative to a sphere with focal_length_estimate",
     ),
     **_both(
         "pointing_%_standard_error",
         OF_METHOD,
         "standard error of the % pointing",
-        "includes only the scatter of the module slopes behind the median, and the uncertainty of the focal length",
+        "includes only the scatter of the module slopes and the uncertainty of the focal length",
     ),
     "focal_length_estimate": quantity(OF_METHOD, "m", "focal length of the modules"),
     "focal_length_standard_error": quantity(
-        OF_METHOD, "m", "standard error of the focal length of the modules", "includes only the scatter"
+        OF_METHOD, "m", "standard error of the focal length of the modules", "includes only the scatter of the slopes"
     ),
     **{
         f"focal_length_{end}{ending}": quantity(
@@ -101,18 +102,18 @@ _ESTIMATES = {
         )
         for end in ("long", "short")
         for ending, prefix, comment in (
-            ("", "", "from the minimum and maximum curvature of the slopes of the module; negative if convex"),
-            ("_standard_error", "standard error of the ", "includes only the scatter"),
+            ("", "", "from the minimum and maximum curvature of the module; negative if convex"),
+            ("_standard_error", "standard error of the ", "includes only the scatter of the slopes"),
         )
     },
     "focal_axis": quantity(
         OF_MODULE,
         "degree",
-        "direction of the longer principal focal length of a module, from horizontal upwards",
-        "seen from the target; not meaningful if its standard error is large, as for a sphere",
+        "direction of the longer principal focal length of a module, measured upwards from horizontal",
+        "as seen from the target; not meaningful if its standard error is large, as for a sphere",
     ),
     "focal_axis_standard_error": quantity(
-        OF_MODULE, "degree", "standard error of focal_axis", "includes only the scatter"
+        OF_MODULE, "degree", "standard error of focal_axis", "includes only the scatter of the slopes"
     ),
     "usable_fraction": _part(
         ("slope_method", "module"), "fraction of the pixels of the eroded module that have slopes"
@@ -125,11 +126,11 @@ _ESTIMATES = {
     "evaluations": quantity(
         ("slope_method",),
         "1",
-        "number of evaluations of the merit function at a pixel",
-        "mean over the pixels that have slopes; method A does not search",
+        "number of merit function evaluations per pixel",
+        "mean over the pixels that have slopes; method A does not evaluate the merit function",
     ),
 }
-#: Long name of the lower bound on the noise of a pixel's slopes. The value of a module is the root mean square over its
+#: Long name of the lower bound of the slope noise of a pixel. The value for a module is the root mean square over its
 #: pixels.
 _BOUND = "minimum standard deviation of the % slopes of a pixel for these cameras"
 
@@ -160,7 +161,7 @@ _NET = (
     "for the ideal heliostat without noise and gain error; computed over the pixels of the eroded module that have "
     "slopes"
 )
-_WAVEFRONT = "equal for all referentials of O2 and LM, which do not use them"
+_WAVEFRONT = "O2 and LM do not use the referential, so their values are identical for all referentials"
 
 #: Variables of one simulated heliostat.
 SIMULATED = {
@@ -178,9 +179,9 @@ SIMULATED = {
         "cramer_rao_bound_%",
         ("module",),
         _BOUND,
-        "Cramer-Rao bound for noise and levels of the cameras at the true slopes; root mean square over the pixels "
-        "of the eroded module seen by three cameras; 0 without noise and levels; for a tabulated profile, the bound "
-        "for its smooth fit; with fit_gain, the bound for methods that fit a gain (not A)",
+        "Cramer-Rao bound at the true slopes for camera noise and rounding to grey levels; root mean square over the "
+        "pixels of the eroded module seen by at least three cameras; 0 without noise and rounding; for a tabulated "
+        "profile, computed from its smooth fit; with fit_gain, the bound for methods that fit a gain (not A)",
     ),
     **_SCENE,
 }
@@ -196,18 +197,18 @@ MAPS = {
         "slope_%",
         (*OF_METHOD, *PLANE),
         "% slope of the mirror relative to the ideal heliostat",
-        "minus the slope that the method estimates for the ideal heliostat; missing if fewer than three cameras are "
-        f"lit; {_WAVEFRONT}",
+        "estimated slope minus the slope that the method estimates for the ideal heliostat; missing if fewer than "
+        f"three cameras are lit; {_WAVEFRONT}",
     ),
     **_both("true_slope_%", PLANE, "true % slope of the mirror relative to the ideal heliostat"),
     "mask": flags(
         PLANE,
-        "pixels in use",
+        "status of each pixel",
         dict(enumerate(("between_modules", "at_the_edge_of_a_module", "fewer_than_three_cameras_lit", "counts"))),
     ),
     "quality": flags(
         ("slope_method", *PLANE),
-        "quality flags of a slope",
+        "quality flags of the slopes",
         {bit: name for bit, name in QUALITY.items() if bit <= SATURATED},
         kind="flag_masks",
     ),
@@ -220,7 +221,7 @@ RAW = {
         "raw_ideal_slope_%",
         (*OF_METHOD, *PLANE),
         "estimated % slope of the ideal heliostat",
-        (f"effect of the heliostat shape and the referentials; slope_% is raw_slope_% minus this value; {_WAVEFRONT}"),
+        f"effect of heliostat shape and referential; slope_% is raw_slope_% minus this value; {_WAVEFRONT}",
     ),
 }
 
@@ -237,8 +238,8 @@ FIELD = {
     **_both(
         "canting_rms_%",
         (*_HOUR, *OF_METHOD),
-        "root mean square over the modules of the mean error of their % slopes",
-        "over the modules with slopes",
+        "root mean square over the modules of their mean % slope error",
+        "includes only modules with slopes",
     ),
     "usable_fraction": _part((*_HOUR, "slope_method"), "fraction of the pixels of the eroded modules that have slopes"),
     "lit_cameras": _part(
@@ -250,18 +251,28 @@ FIELD = {
 #: Variables that locate the heliostat in an image, in the order that `compute.registered` uses.
 REGISTERED = {
     "registered_roll": quantity(
-        ("camera",), "degree", "estimated rotation of the camera, clockwise for an observer behind it", "as ROLL"
+        ("camera",),
+        "degree",
+        "estimated rotation of the camera, clockwise for an observer behind it",
+        "see the metadata key ROLL",
     ),
-    "registered_column": quantity(("camera",), "1", "estimated column of the heliostat's centre", "as CENTREU"),
-    "registered_row": quantity(("camera",), "1", "estimated row of the heliostat's centre", "as CENTREV"),
+    "registered_column": quantity(
+        ("camera",), "1", "estimated column of the heliostat's centre", "see the metadata key CENTREU"
+    ),
+    "registered_row": quantity(
+        ("camera",), "1", "estimated row of the heliostat's centre", "see the metadata key CENTREV"
+    ),
     "registered_focal_length": quantity(
-        ("camera",), "1", "estimated focal length of the camera divided by the side of a pixel", "as FOCALPIX"
+        ("camera",),
+        "1",
+        "estimated focal length of the camera divided by the side of a pixel",
+        "see the metadata key FOCALPIX",
     ),
     "registration_residual": quantity(
-        ("camera",), "1", "root mean square distance of the modules' edges from their expected positions, in pixels"
+        ("camera",), "1", "root mean square distance of the heliostat's edges from the fitted lines, in pixels"
     ),
 }
-#: Variables of measured images. Variables that simulations also have keep their meaning.
+#: Variables of measured images. Variables that also occur in simulations have the same meaning.
 MEASURED = {
     **_ESTIMATES,
     **_SUN,
@@ -273,21 +284,21 @@ MEASURED = {
     ),
     "lit_fraction": _part(
         ("camera",),
-        "fraction of the mirror's pixels in which a camera sees the sun",
+        "fraction of the mirror's pixels at which a camera sees the sun",
         "excluding the pixels at the edges of the modules",
     ),
     "saturated_fraction": _part(
-        ("camera",), "fraction of the mirror's pixels in which an image is saturated", "these pixels are not used"
+        ("camera",), "fraction of the mirror's pixels at which an image is saturated", "these pixels are not used"
     ),
     **REGISTERED,
-    "white_level": quantity(("camera",), "1", "level of the sun's centre, including the dark level"),
+    "white_level": quantity(("camera",), "1", "grey level of the sun's centre, including the dark level"),
     "pixel_noise": quantity(
         (),
         "1",
-        "standard deviation of a pixel of the images relative to the sun's centre",
-        "from the study, or from the median of the squared residuals of LM",
+        "standard deviation of the noise of an image pixel relative to the sun's centre",
+        "from the study, or estimated from the median of the squared residuals of LM",
     ),
-    "gain": quantity((), "1", "median over the pixels of the gain estimated by LM", "1 without a fitted gain"),
+    "gain": quantity((), "1", "median over the pixels of the gain estimated by LM", "1 if no gain is fitted"),
     **_SCENE,
     "image": quantity(
         ("camera", *PLANE),
@@ -305,10 +316,9 @@ MEASURED = {
         "slope_uncertainty_%",
         PLANE,
         "standard uncertainty of the % slope of a pixel",
-        "for the slopes of LM, even if the study selects other methods; includes only the noise of the images, with "
-        "the derivatives at the slopes of LM; does not include errors of the sun's profile, of the geometry, or of "
-        "the gain of one camera relative to another (a relative gain error shifts all slopes equally, like a "
-        "pointing error)",
+        "for the LM slopes, even if the study selects other methods; includes only image noise, with the derivatives "
+        "at the LM slopes; does not include errors in the sun profile, the geometry, or the gain of one camera "
+        "relative to another (a relative gain error shifts all slopes equally, like a pointing error)",
     ),
     "residual_rms": quantity(
         (*OF_METHOD, *PLANE),
@@ -318,7 +328,7 @@ MEASURED = {
     "mask": MAPS["mask"],
     "quality": flags(
         ("slope_method", *PLANE),
-        "quality flags of a slope",
+        "quality flags of the slopes",
         QUALITY,
         "cameras that are saturated, invalid, out of frame, at an edge or at the limb of the disc are excluded at "
         "the pixel",
@@ -351,7 +361,7 @@ def seed_dims(study: BackwardGazingStudy) -> tuple[str, ...]:
 def variables(study: BackwardGazingStudy) -> dict[str, Variable]:
     """Return the variables of a study.
 
-    If seeds are swept, the study of one simulated heliostat also has percentiles over the seeds.
+    If seeds are swept, a study of one simulated heliostat also has percentiles over the seeds.
     """
     maps = {name: replace(MAPS[name], dims=(*_HOUR, *MAPS[name].dims)) for name in ("slope_x", "slope_y")}
     seeds, found = seed_dims(study), FIELD | (maps if study.output.maps else {})
@@ -368,7 +378,7 @@ def over_seeds(seeds: tuple[str, ...]) -> dict[str, Variable]:
     """Return the variables for percentiles of the relative errors over the seed dimensions."""
     found: dict[str, Variable] = {}
     for ending, (_, which) in PERCENTILES.items():
-        long_name = f"{which} over the seeds of the relative error of the % slopes"
+        long_name = f"{which}, over the seeds, of the relative error of the % slopes"
         found |= _both(f"relative_error_%_{ending}", OF_MODULE, long_name, units="percent")
     return {name: replace(one, finished=True, without=seeds) for name, one in found.items()}
 
@@ -378,14 +388,14 @@ COORDINATES = {
     "slope_method": ("method for estimating slopes",),
     "referential": ("conversion of wavefront slopes to mirror slopes",),
     "module": ("number of the module, counted from 1", "1"),
-    "module_y": ("centre of the module, to the right as seen from the target", "m"),
-    "module_z": ("centre of the module, up", "m"),
+    "module_y": ("position of the module's centre, to the right as seen from the target", "m"),
+    "module_z": ("position of the module's centre, upwards", "m"),
     "module_width": ("width of the module", "m"),
     "module_height": ("height of the module", "m"),
     "camera": ("number of the camera, counted from 1", "1"),
     "y": ("position on the mirror, to the right as seen from the target", "m"),
-    "z": ("position on the mirror, up", "m"),
-    "module_of_pixel": ("module number of the pixel, 0 between modules", "1"),
+    "z": ("position on the mirror, upwards", "m"),
+    "module_of_pixel": ("number of the module at the pixel, 0 between modules", "1"),
     "hour": ("solar hour", "h"),
     "disc_fraction": ("angle from the centre of the sun's disc divided by its angular radius", "1"),
     "sun_world_azimuth": ("azimuth of the sun, clockwise from north", "degree"),

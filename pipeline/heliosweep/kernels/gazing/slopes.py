@@ -529,8 +529,7 @@ def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats)
         moved = level - bend[:, np.newaxis, np.newaxis] * lever
         # The values in `away` already contain module errors.
         # The part that these errors can explain is removed before new errors are added. Modules within 1.3 standard
-        # errors of the pointing are moved to the pointing. With this limit, the standard errors are accurate to 10 %
-        # for 8 modules.
+        # errors of the pointing are moved to the pointing. The standard errors are then accurate to 10 % for 8 modules.
         share = 1.0 - 1.3**2 * np.mean(moved**2, axis=0) / away**2
     pointing = np.median(away * np.where(share > 0.0, share, 0.0) + moved, axis=2)
     off = pointing - pointing.mean(axis=0)
