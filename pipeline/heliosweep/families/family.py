@@ -1,4 +1,4 @@
-"""Declaration of study families, computation of their points, and the list of all families."""
+"""Declare study families, compute the points of their results, and list all families."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from heliosweep.report.tables import Table
 
 
-#: Entry point group for families in other packages. The name of an entry point is the name of a family.
+#: Entry point group for families in other packages. Each entry point has the name of its family.
 GROUP = "heliosweep.families"
 
 T = TypeVar("T")
@@ -70,12 +70,11 @@ class Computation:
     labels : tuple of str
         Keys that label the result even if they are not swept.
     dims : mapping of str to int or (array, mapping)
-        Length of each inner dimension, or a pair of its labels and their CF attributes. A function may also compute
-        the length or the pair from the result of `inputs`. The dimensions ``time`` and ``heliostat`` are determined by
-        the study's ``time`` and ``layout`` blocks.
+        Length of each inner dimension, or a pair of its labels and their CF attributes. An entry may also be a function
+        that takes the return value of `inputs` and returns the length or the pair. The study's ``time`` and ``layout``
+        blocks determine the dimensions ``time`` and ``heliostat``.
     coordinates : callable, optional
-        Function without arguments that returns a mapping of names to additional coordinates, in a form that xarray
-        accepts.
+        Function without arguments that returns additional coordinates as a mapping that `xarray.Dataset` accepts.
     attrs : mapping or callable
         Additional attributes of the result, or a function without arguments that returns them.
     inputs : callable, optional
@@ -83,12 +82,11 @@ class Computation:
     layouts : callable, optional
         Function that takes the study and returns its layouts (default: `LayoutAxis`).
     finish : callable, optional
-        Function that takes the points of a region and the data set of their values, and returns the `finished`
-        variables.
+        Function that takes the points of a region and a data set of their values, and returns the `finished` variables.
     arrays : tuple of str, optional
-        Keys that have a single value in each call of the function. If given, each call computes many points, and the
-        values of other swept keys are arrays with one axis for each swept dimension. All points of a call share one
-        site and one layout.
+        Keys that have a single value in each call of the function. If `arrays` is given, each call computes many
+        points, and the values of other swept keys are arrays with one axis for each swept dimension. All points of a
+        call share one site and one layout.
     split : str
         Inner dimension along which the computation of one point may be split, such as ``heliostat``.
     whole : tuple of str
@@ -99,12 +97,12 @@ class Computation:
         Number of kernel evaluations for one point, or a function without arguments that returns this number (default:
         number of instants times number of heliostats).
     unit : str
-        Name of the unit in which the plan counts evaluations.
+        Plural noun that the plan uses for evaluations, such as ``spots``.
     memory : int or callable
-        Memory needed for one point in addition to the variables, or a function without arguments that returns this
-        memory. [bytes]
+        Memory needed for one point in addition to the variables, or a function without arguments that returns it.
+        [bytes]
     fixed_memory : callable, optional
-        Function without arguments that returns the memory needed even for the smallest part of a point. [bytes]
+        Function without arguments that returns the memory needed regardless of how a point is split. [bytes]
     prepare : callable, optional
         Function without arguments that compiles the kernels (default: compute a small region).
     mode : str
@@ -152,7 +150,7 @@ class Points:
         self._columns: dict[str, tuple[tuple[str, ...], np.ndarray | None]] = {}
 
     def once(self, name: str, make: Callable[[], T]) -> T:
-        """Return an object that all points of the region share. The first call creates the object with `make`."""
+        """Return an object that all points of the region share. The first call creates it with `make`."""
         if name not in self._once:
             self._once[name] = make()
         return cast("T", self._once[name])
@@ -241,7 +239,7 @@ class Point:
         """Write the values of a variable at the point, or at the points of the group, to `array`."""
         kept = [dim in variable.dims for dim in self.points.sizes]
         spans: tuple[Any, ...] = tuple(span for span, keep in zip(self.spans, kept, strict=True) if keep)
-        target = array[(*spans, ...)]  # with the ellipsis, a single value is also an array
+        target = array[(*spans, ...)]  # the ellipsis makes the result an array even for a single value
         outer, inner = target.shape[: sum(kept)], target.shape[sum(kept) :]
         value = np.asarray(value)
         own = value.shape[value.ndim - len(inner) :]  # if a layout has fewer heliostats, the last values remain missing
@@ -261,7 +259,11 @@ def swept_variables(study: Any, work: Computation) -> dict[str, Variable]:
 
 
 def count_instants(study: Any, stored: bool) -> int:
-    """Return the number of instants in a study; 1 if the study has no `time` block."""
+    """Return the number of instants in a study; 1 if the study has no `time` block.
+
+    If `stored` is True and there are at most `MAX_INSTANTS` instants, return the length of the result's dimension
+    ``time``.
+    """
     if getattr(study, "time", None) is None:
         return 1
     count = instant_count(study.time)
@@ -290,7 +292,7 @@ def inner_sizes(study: Any, work: Computation, given: Inputs | None = None) -> d
 
 
 def by_axis(name: str, values: NDArray[Any], axis: int = 2, ends: Iterable[str] = "xy") -> dict[str, NDArray[Any]]:
-    """Split an array along an axis into one variable for each entry of `ends`. The entry replaces ``%`` in `name`."""
+    """Split an array along an axis into one variable for each entry of `ends`. Entries replace ``%`` in `name`."""
     return {name.replace("%", end): one for end, one in zip(ends, np.moveaxis(values, axis, 0), strict=True)}
 
 
@@ -298,12 +300,12 @@ class Family:
     """Kind of study, declared by a folder in this package or by an entry point of another package.
 
     A declaration may use the string ``"package.module:name"`` instead of an object. The module is then imported only
-    when it is needed, so that listing families and validating studies is quick.
+    when it is needed, which keeps listing families and validating studies fast.
 
     Parameters
     ----------
     name, title : str
-        Name used in study files, and one line that names the computed quantity.
+        Name used in study files, and a one-line title that names the computed quantity.
     study : class or str
         Pydantic model of the study file.
     computation : Computation, callable or str
@@ -316,12 +318,12 @@ class Family:
         Variables that represent a study in a list of studies, in order of preference. The list shows the first
         variable that the result contains.
     first_headlines : callable or str, optional
-        Function that takes a result and returns variables that precede the headlines in its report.
+        Function that takes a result and returns variables that precede the headlines in the report.
     optional : mapping of str to str
-        Mapping of optional variables to the keys that enable them, used in messages.
+        Mapping of optional variables to the keys that enable them. Messages suggest these keys.
     figures, tables : sequence, callable or str, optional
-        Declared figures and tables, or functions that take the result and return them. By default the report draws and
-        tabulates the variables along their common dimensions.
+        Declared figures and tables, or functions that take the result and return them. If they are omitted, the report
+        draws and tabulates the variables along their common dimensions.
     figures_of_draws : sequence, callable or str, optional
         Declared figures of a result with draws, in addition to the figures common to all families.
     remarks : callable or str, optional
@@ -397,7 +399,7 @@ class Family:
             splittable=work.split,
             whole=work.whole,
             uncut=work.uncut,
-            coordinate_bytes=8 * (sum(inner.values()) + 6 * heliostats),  # memory for layout columns, with a margin
+            coordinate_bytes=8 * (sum(inner.values()) + 6 * heliostats),  # includes the layout columns, with a margin
             axes={"instants": instants} if TIME not in inner and instants > 1 else {},
         )
 
@@ -464,9 +466,9 @@ class Family:
         Returns
         -------
         xarray.Dataset
-            Variables that are not `finished`. Regions with the dimension ``time`` give the variables with this
-            dimension; other regions give the variables without ``time``. Values do not depend on the region in which
-            they are computed.
+            Variables that are not `finished`. If the region contains the dimension ``time``, the data set contains
+            the variables with this dimension; otherwise, it contains the variables without ``time``. Values do not
+            depend on the region in which they are computed.
         """
         work = self.computation(study)
         sizes = {**Parameters(study).sizes, **inner_sizes(study, work, inputs)}
@@ -487,7 +489,7 @@ class Family:
         return xr.Dataset({name: (wanted[name].dims, array) for name, array in arrays.items()})
 
     def finish(self, study: Any, inputs: Any, region: Region, computed: xr.Dataset) -> xr.Dataset:
-        """Compute the `finished` variables of a region with complete points from the `computed` variables."""
+        """Compute the `finished` variables of a region with complete points from its `computed` variables."""
         work = self.computation(study)
         assert work.finish is not None
         later = {name: one for name, one in swept_variables(study, work).items() if one.finished}
@@ -495,7 +497,7 @@ class Family:
         return xr.Dataset({name: (later[name].dims, array) for name, array in values.items() if name in later})
 
     def of_result(self, result: xr.Dataset) -> Family:
-        """Return a family with the headlines for a result."""
+        """Return a copy of the family with the headlines for a result."""
         made = object.__new__(type(self))  # copy.copy would return the registered family itself
         first = _declared(self._first_headlines, result) or ()
         vars(made).update(vars(self), headlines=(*first, *self.headlines))
@@ -527,7 +529,7 @@ def _named(name: str) -> Family:
 
 
 def _declared(declared: Any, *of: Any) -> Any:
-    """Return a declared object. If a function is declared, return its value for the study or result `of`."""
+    """Return a declared object. If a function is declared, call it with the study or result `of`."""
     found = pkgutil.resolve_name(declared) if isinstance(declared, str) else declared
     return found(*of) if of and callable(found) else found
 
@@ -558,7 +560,7 @@ class Found(Mapping[str, T]):
         return found
 
     def __iter__(self) -> Iterator[str]:
-        """Load all families and yield the names of the families that load without errors."""
+        """Yield the names of all families that load without errors."""
         return (name for name in self._entries if name in self)
 
     def __len__(self) -> int:
@@ -577,7 +579,7 @@ def study_classes() -> Mapping[str, type[Study]]:
 
     def built(family: Family) -> type[Study]:
         model = family.study_class()
-        model.model_rebuild()  # blocks are built on first use; an error in a block must be raised here
+        model.model_rebuild()  # pydantic builds blocks on first use; errors in blocks must be raised here
         return model
 
     return Found(_entries(), built)
@@ -585,7 +587,7 @@ def study_classes() -> Mapping[str, type[Study]]:
 
 @cache
 def _entries() -> dict[str, metadata.EntryPoint]:
-    """Return the entry point of each family without importing it."""
+    """Return the entry point of each family without importing the family."""
     import heliosweep.families as package
 
     ours = (

@@ -1,4 +1,4 @@
-"""Find the family of a study or a result, and wrap it if the study has draws or searches for the best point."""
+"""Find the family of a study or result, and wrap the family if the study has draws or a search."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ MOST_NUMBERS = 100
 #: Maximum width of the confidence interval of a total index; a warning is given for wider intervals. [1]
 WIDE = 0.1
 
-#: Statistics of each variable. Keys are suffixes of variable names; values are the additional dimension, the long
-#: name, and the names of attributes that equal the attributes of the variable.
+#: Statistics of each variable. Keys are suffixes of variable names. Values are the additional dimension, the long
+#: name, and the names of attributes that are copied from the variable.
 _STATISTICS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "sample_mean": ("", "mean of the {} over the draws", ("units", "cell_methods", "valid_range", BEST_VALUE)),
     "sample_standard_deviation": (
@@ -90,7 +90,7 @@ _SENSITIVITIES: dict[str, dict[str, tuple[str, str, tuple[str, ...]]]] = {
         ),
         "total_index": (
             PARAMETER,
-            "fraction of the variance of the {} that each parameter explains alone and by interactions",
+            "fraction of the variance of the {} that each parameter explains alone and through interactions",
             (),
         ),
         "total_interval": (PARAMETER, "half-width of the 95 % confidence interval of the total index of the {}", ()),
@@ -125,8 +125,8 @@ class Wrapped(Family):
 class Sampled(Wrapped):
     """Family that computes each draw with the family `inner`, along the dimension ``sample``.
 
-    All variables of a draw count as computed variables, even if `inner` declares them as finished variables. The
-    finished variables are the statistics over the draws.
+    All variables of a draw are computed variables, even if `inner` declares them as `finished`. The `finished`
+    variables are the statistics over the draws.
     """
 
     def __init__(self, inner: Family) -> None:
@@ -177,21 +177,21 @@ class Sampled(Wrapped):
             passing = large and not sample.statistics.every_draw
             found[name] = replace(one, dims=(*others, SAMPLE), finished=False, passing=passing)
             made = dict(statistical)
-            if design.sensitivity and not large and numbers <= 12:  # otherwise there would be too many sensitivities
+            if design.sensitivity and not large and numbers <= 12:  # limit the number of sensitivity variables
                 made |= _SENSITIVITIES[design.sensitivity]
             for ending, (dim, words, kept) in made.items():
                 attrs = {"units": "1", "long_name": words.format(one.attrs.get("long_name", "result"))}
                 if ending in _SENSITIVITIES[MORRIS]:
-                    attrs["comment"] = "change as the parameter goes from its 12.5 to its 87.5 % quantile"
+                    attrs["comment"] = "change from the 12.5 % to the 87.5 % quantile of the parameter"
                 attrs |= {name: one.attrs[name] for name in kept if name in one.attrs}
                 found[f"{name}_{ending}"] = Variable((*others, *filter(None, [dim])), attrs, finished=True)
         return found
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Return the inner family's coordinates, parameter names and percentiles. An attribute describes the draws."""
+        """Return the inner family's coordinates, with parameter names, percentiles and a description of the draws."""
         labels = self.inner.coordinates(study)
         sizes, sample = self._sizes(study), study.sample
-        if not sample.statistics.every_draw:  # heliostat positions of each draw are not needed
+        if not sample.statistics.every_draw:  # the heliostat positions of each draw are not needed
             labels = labels.drop_vars(
                 [name for name, one in labels.coords.items() if SAMPLE in one.dims and one.ndim > 1]
             )
@@ -212,7 +212,7 @@ class Sampled(Wrapped):
         return self.inner.inputs(study)
 
     def compute(self, study: Any, inputs: Any, region: Region) -> xr.Dataset:
-        """Compute the inner family's computed and finished variables for the draws in a region."""
+        """Compute all variables of the inner family for the draws in a region."""
         computed = self.inner.compute(study, inputs, region)
         if any(one.finished for one in self.inner.variables(study).values()):
             computed = computed.assign(self.inner.finish(study, inputs, region, computed).data_vars)
@@ -263,14 +263,14 @@ class Sampled(Wrapped):
 
 
 def _words(study: Study) -> str:
-    """Describe the sampling design, and the method for standard errors of means and confidence intervals of indices."""
+    """Describe the sampling design, and how standard errors and confidence intervals are computed."""
     design = design_of(study)
     if design.sensitivity == LOCAL:
-        return "the medians of all keys, then each parameter one standard normal deviate below and above its median"
+        return "all keys at their medians, then each parameter one standard normal deviate below and above its median"
     if design.sensitivity == MORRIS:
-        return f"{design.size} trajectories of elementary effects, four levels from the 12.5 to the 87.5 % quantile"
+        return f"{design.size} trajectories of elementary effects, four levels from the 12.5 % to the 87.5 % quantile"
     what = {
-        SOBOL: f"{REPLICATES} Sobol sequences, scrambled independently, draw k of sequence k modulo {REPLICATES}; "
+        SOBOL: f"{REPLICATES} independently scrambled Sobol sequences, draw k from sequence k modulo {REPLICATES}; "
         "standard errors are computed from the means of the sequences",
         RANDOM: "independent draws; standard errors are computed from their standard deviation",
     }.get(
@@ -279,12 +279,12 @@ def _words(study: Study) -> str:
     )
     if design.sensitivity != SOBOL:
         return what
-    how = f"Student's about a jackknife over the {REPLICATES} sequences" if design.kind == SOBOL else "by bootstrap"
-    return f"design of Saltelli on {what}; 95 % confidence intervals of indices {how}"
+    how = f"a jackknife over the {REPLICATES} sequences and Student's t" if design.kind == SOBOL else "a bootstrap"
+    return f"Saltelli design based on {what}; 95 % confidence intervals of indices from {how}"
 
 
 class Searched(Wrapped):
-    """Search for the best point of a study that belongs to another family.
+    """Family that searches for the best point of a study of the family `inner`.
 
     Each evaluation computes the study with different values of the searched keys. `single` returns the study for one
     evaluation. `generation` returns a study that sweeps the points of many evaluations. Both studies belong to the
@@ -313,7 +313,7 @@ class Searched(Wrapped):
         return _with(study, columns, {"zip": (keys,) if len(keys) > 1 else ()})
 
     def space(self, study: Any) -> Space:
-        """Return the bounds of the keys that the search varies. Choices of a key are numbered from 0."""
+        """Return the bounds of the searched keys. Choices of a key are numbered from 0."""
         from heliosweep.search.optimise import Space
 
         ends = [(0, len(extent["choice"]) - 1) if isinstance(extent, dict) else extent for *_, extent in _keys(study)]
@@ -328,7 +328,7 @@ class Searched(Wrapped):
         }
 
     def start(self, study: Any) -> np.ndarray:
-        """Return the start point of the search in the `space`: the values of the searched keys in the study."""
+        """Return the start point of the search in the `space`: the study's values of the searched keys."""
         return np.array([
             extent["choice"].index(value) if isinstance(extent, dict) else value for _, value, _, extent in _keys(study)
         ], dtype=float)  # fmt: skip
@@ -341,7 +341,7 @@ class Searched(Wrapped):
             return error.problems[0]
 
     def results(self, study: Any) -> dict[str, Variable]:
-        """Return the variables with a single number at each point, which can be objectives or constraints."""
+        """Return the variables that can be objectives or constraints, with a single number at each point."""
         one = self.generation(study, [{key: value for key, value, _, _ in _keys(study)}])
         (swept,), sizes = one.dimensions(), self.inner.workload(one).sizes
         return {
@@ -368,7 +368,9 @@ class Searched(Wrapped):
                 )
             else:
                 alike = [one for one in known if name in one]
-                hint = f"; with '{name}' in their names are {few_of(alike)}" if alike else did_you_mean(name, known)
+                hint = (
+                    f"; results with '{name}' in their names: {few_of(alike)}" if alike else did_you_mean(name, known)
+                )
                 if (key := self.inner.optional.get(result_name(name, self.inner.optional))) is not None:
                     hint = f"; with '{key}' it is"
                 why = f"{in_short(name)} is not a result of this study{hint}"
@@ -376,7 +378,7 @@ class Searched(Wrapped):
             yield study.source.problem(place, f"{why}; {there}")
 
     def variables(self, study: Any) -> dict[str, Variable]:
-        """Return the variables stored for each evaluation: the searched keys, by dotted key, and the `results`."""
+        """Return the variables stored for each evaluation: the dotted keys that are searched, and the `results`."""
         keys = {key: Variable((EVALUATION,), {}) for key in study.search.searched()}
         found, ways = self.results(study), (("maximise", LARGEST), ("minimise", SMALLEST))
         best = {result_name(name, found): {BEST_VALUE: end} for way, end in ways for name in getattr(study.search, way)}
@@ -385,13 +387,16 @@ class Searched(Wrapped):
         }
 
     def coordinates(self, study: Any) -> xr.Dataset:
-        """Return the scalar coordinates that are common to all evaluations."""
+        """Return the scalar coordinates that all evaluations share."""
         labels = self.inner.coordinates(self.single(study, {}))
         varied = {*self.generation(study, [self.point(study, self.start(study))]).dimension_names().values()}
         return labels.drop_vars([name for name, one in labels.coords.items() if one.ndim or str(name) in varied])
 
     def first(self, study: Any) -> Study:
-        """Return a study with a full generation, for the plan. The points are the start point and feasible bounds."""
+        """Return a study with a full generation, for the plan.
+
+        The generation repeats the start point, and the lower and upper bounds if these points are feasible.
+        """
         search, space = study.search, self.space(study)
         ends = [self.point(study, numbers) for numbers in (self.start(study), space.low, space.high)]
         built = [ends[0], *(point for point in ends[1:] if self.wrong(study, point) is None)]
@@ -399,9 +404,9 @@ class Searched(Wrapped):
         return self.generation(study, list(itertools.islice(itertools.cycle(built), count)))
 
     def workload(self, study: Any) -> Workload:
-        """Return the dimension sizes and the cost of a search with its full budget.
+        """Return the dimension sizes and the cost of a search that uses its full budget.
 
-        `plan` adds the memory of a generation.
+        `plan` adds the memory for a generation.
         """
         of_one = self.inner.workload(self.first(study))
         return Workload(

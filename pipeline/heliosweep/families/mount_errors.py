@@ -52,11 +52,11 @@ class MountAngles(Block):
         Angle, _angle("Tilt of the primary axis about the second axis of the mount's frame (north)", "tilt about north")
     ] = 0.0
     non_orthogonality: Annotated[
-        Angle, _angle("Angle between the secondary axis and the normal plane of the primary axis", "non-orthogonality")
+        Angle, _angle("Angle between the secondary axis and the plane normal to the primary axis", "non-orthogonality")
     ] = 0.0
     collimation: Annotated[
         Angle,
-        _angle("Angle between the mirror's normal and the normal plane of the secondary axis", "collimation error"),
+        _angle("Angle between the mirror's normal and the plane normal to the secondary axis", "collimation error"),
     ] = 0.0
     scale: Annotated[
         float | Sweep,
@@ -80,22 +80,22 @@ def standard_uniforms(
 ) -> NDArray[np.float64]:
     """Return uniform draws from the open interval (0, 1), shape (H, samples).
 
-    Draws are multiples of 2^-53 and symmetric about 1/2. The draws depend on `seed` and `stream`, both from 0 to
-    2^63 - 1, and on the heliostat numbers, counted from 0. The stream can be the index of a mount error.
+    Draws are odd multiples of 2^-53 and symmetric about 1/2. The draws depend on `seed` and `stream`, both from 0 to
+    2^63 - 1, and on the heliostat numbers, counted from 0. For mount errors, the stream is the index of the error.
     `first` is the index of the first sample.
     """
     batch, skip = divmod(first, 4)  # the generator returns four numbers for each counter value
     key, numbers = np.array([seed, stream], np.uint64), np.asarray(heliostats, np.int64).ravel()
     counters = (np.array([batch, 0, number, 0], np.uint64) for number in numbers)
     bits = [Philox(key=key, counter=counter).random_raw(skip + samples)[skip:] for counter in counters]
-    # 52 bits plus one half give values that are exact, never 0 or 1, and symmetric about 1/2.
+    # Adding one half to 52 random bits gives exact values that are symmetric about 1/2 and never 0 or 1.
     return ((np.reshape(bits, (-1, samples)).astype(np.uint64) >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
 
 
 def standard_normals(
     seed: int, stream: int, heliostats: ArrayLike, samples: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """Return standard normal draws, computed by inversion; all values are between -8.3 and 8.3.
+    """Return standard normal draws between -8.3 and 8.3, computed by inversion.
 
     The arguments and the shape of the result are the same as for `standard_uniforms`.
     """
@@ -105,11 +105,11 @@ def standard_normals(
 
 
 def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
-    """Return the standard normal or uniform (-1 to 1) deviates of E errors, shape (H, samples, E).
+    """Return standard normal or uniform (-1 to 1) deviates of E errors, shape (H, samples, E).
 
-    The value of an error is ``error.mean + error.width * deviate``. Deviates are 0 for errors that are not drawn. The
-    index of an error is the stream of its draws. `seed` applies to distributions without a seed, and `samples`
-    overrides the number of samples of every distribution.
+    The value of an error is ``error.mean + error.width * deviate``. Deviates are 0 for errors that are not drawn. Each
+    error uses the stream with its index. `seed` applies to distributions without a seed, and `samples`
+    overrides the number of samples of each distribution.
     """
     result = np.zeros((np.size(heliostats), samples, len(errors)))
     for stream, error in enumerate(errors):
@@ -122,5 +122,5 @@ def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: 
 
 
 def widths_of(errors: Sequence[object]) -> NDArray[np.float64]:
-    """Return the factor for each error's deviates in `standard_deviates`, shape (E,); 0 if the error is not drawn."""
+    """Return the factor that scales the deviates of each error, shape (E,); 0 for errors that are not drawn."""
     return np.array([getattr(error, "width", 0.0) for error in errors])

@@ -180,7 +180,7 @@ def test_a_calibration_doubts_itself(tmp_path):
     assert result.calibration_status.to_numpy().tolist() == [ESTIMATED, DOUBTFUL, DOUBTFUL]
     assert float(result.estimated_error[1, 1]) < -50  # an encoder that reads 4 deg too much
     said = " ".join(remarks(result))
-    assert "heliostat 1, 2: the calibration is doubtful. An error is beyond 50 mrad, or a spot lies more than 3" in said
+    assert "heliostat 1, 2: the calibration is doubtful. An error exceeds 50 mrad, or a spot lies more than 3" in said
     assert np.isfinite(result.corrected_azimuth[1]).all()
 
 

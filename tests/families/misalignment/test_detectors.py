@@ -96,7 +96,7 @@ def test_arrays_that_are_missed_are_flagged():
     assert (np.isnan(result.instant_azimuth_error) == missed).all()
     assert (result.crossed_fraction.sel(trace="elevation", detector=0) == 1).all()
     said = list(remarks(result))
-    assert said[0].startswith("2 of 2 heliostats")
+    assert said[0].startswith("the traces of 2 of 2 heliostats")
     assert f"at {int(missed.sum())} of 20 instants the azimuth trace crosses no array (detector_status 2)" in said
     nothing = computed({"arrays": [{"points": [[300, 300], [301, 300]]}]})
     assert (nothing.detector_status == NEITHER).all()

@@ -123,7 +123,7 @@ def test_the_blind_cone_has_no_spots_and_is_counted() -> None:
         for name in ("spot_y", "spot_z") if "spot_y" in made else ("spot_y_mean", "spot_z_mean", "spot_y_variance"):
             assert np.isnan(made[name].values.ravel()).tolist() == [True, False]
         said = [remark for remark in remarks(made) if "blind cone" in remark]
-        assert said == ["1 of 2 rays would need a mount to point into its blind cone: no spot (spot_status 4)"]
+        assert said == ["1 of 2 rays require a mount to point into its blind cone: no spot (spot_status 4)"]
 
 
 FIRST_UNIFORMS = [[0.8720734548204873, 0.29536538151378366, 0.4200976785072422]]

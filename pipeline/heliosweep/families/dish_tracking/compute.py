@@ -1,4 +1,4 @@
-"""Compute daily tracking factors and tolerable tilts of dishes, with statistics over directions and dates."""
+"""Compute daily tracking factors and tolerable tilts of dishes, and statistics over directions and dates."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ def _factors(**words: tuple[str, str]) -> dict[str, dict[str, Any]]:
 
 
 def _directed(study: DishTrackingStudy) -> bool:
-    """Return True if the tilt direction is swept independently, so that statistics over it are meaningful."""
+    """Return True if the tilt direction is swept independently, as statistics over the directions require."""
     return any(set(dim.sweeps) == {"errors.axis_tilt_direction"} for dim in study.dimensions())
 
 
 def computation(study: DishTrackingStudy) -> Computation:
     """Return the variables of a study and the function that computes them.
 
-    The variables include statistics if the study has several directions or dates.
+    The variables include statistics if the study sweeps the tilt direction or has several dates.
     """
-    parameters, day, month = Parameters(study), f"{_FACTOR.replace('_', ' ')} of a day", f"{_DATES}mean (within months)"
+    parameters, day, month = Parameters(study), f"daily {_FACTOR.replace('_', ' ')}", f"{_DATES}mean (within months)"
     of, monthly = _FACTOR.replace("_", " "), f"monthly mean of the {_FACTOR.replace('_', ' ')}"
     mount = tuple(dim for dim in parameters.sizes if dim not in parameters.site_dims)
     direction, several, directed = ("axis_tilt_direction",), len(study.time.date_list()) > 1, _directed(study)
@@ -69,10 +69,10 @@ def computation(study: DishTrackingStudy) -> Computation:
             **_factors(effective_tracking_factor=(day, _DAILY)),
             **{
                 f"{name}_tracking_error": {
-                    "units": "mrad", "long_name": f"{words} tracking error of a day", "comment": _ANGLE,
+                    "units": "mrad", "long_name": f"daily {words} of the tracking error", "comment": _ANGLE,
                     "cell_methods": _INSTANTS.format("date", method), BEST_VALUE: SMALLEST,
                 }
-                for name, words, method in (("mean", "mean", "mean"), ("max", "largest", "maximum"))
+                for name, words, method in (("mean", "mean", "mean"), ("max", "maximum", "maximum"))
             },
         }),
         (True, "date", "int8", False, mount, {"window_is_empty": {
@@ -108,29 +108,31 @@ def computation(study: DishTrackingStudy) -> Computation:
         )),
         (several and directed, "", "float64", True, direction, {"worst_axis_tilt_direction": {
             "units": "degree",
-            "long_name": f"direction of the tilt with the minimum mean {of} over the dates",
+            "long_name": f"tilt direction with the minimum mean {of} over the dates",
             "comment": "direction in which the foot of the azimuth axis leans (0 south, 90 west)",
         }}),
         (study.statistics is not None, "required_factor", "float64", False, ("axis_tilt",), {"tolerable_axis_tilt": {
             "units": "degree",
             "long_name": "maximum tilt of the azimuth axis at which the minimum daily tracking factor reaches the "
                          "required factor",
-            "comment": "zero if no tilt is tolerable; missing if 45 degrees are tolerable, or if no date has a factor",
+            "comment": "zero if no tilt is tolerable; missing if a tilt of 45 degrees is tolerable, or if no date has "
+                       "a factor",
             BEST_VALUE: LARGEST,
         }}),
         (study.concentrator is not None, "", "float64", False, (), {
             "energy_loss": {
                 "units": "1", "long_name": "annual energy lost to tracking errors",
-                "comment": "relative to the energy in the aperture with perfect tracking", BEST_VALUE: SMALLEST,
+                "comment": "relative to the energy that enters the aperture with perfect tracking",
+                BEST_VALUE: SMALLEST,
             },
             "intercept_efficiency": {
-                "units": "1", "long_name": "annual intercept of the dish", "valid_range": [0.0, 1.0],
-                "comment": "fraction of the reflected light that passes the aperture, weighted by direct "
+                "units": "1", "long_name": "annual intercept efficiency of the dish", "valid_range": [0.0, 1.0],
+                "comment": "fraction of the reflected light that passes through the aperture, weighted by direct "
                            "irradiance",
                 BEST_VALUE: LARGEST,
             },
             "aperture_energy": {
-                "units": "MWh", "long_name": "annual energy in the aperture", "cell_methods": "time: sum",
+                "units": "MWh", "long_name": "annual energy that enters the aperture", "cell_methods": "time: sum",
                 "comment": "for a mirror with a reflectivity of 1", BEST_VALUE: LARGEST,
             },
         }),
@@ -226,7 +228,7 @@ def factors(point: Point) -> dict[str, Any]:
 
 
 def _energy(point: Point, model: str, place: tuple[float, ...], mount: Sequence[Floats]) -> dict[str, Any]:
-    """Return the intercept, energy and energy loss of each mount over the sunlit hours of a weather file."""
+    """Return the intercept efficiency, energy and energy loss of each mount for the sunlit hours of a weather file."""
     weather, sizes = point.inputs, [float(np.ravel(point[key])[0]) for key in _CONCENTRATOR]
     sun = sun_of(point.study.ephemeris, place, weather.utc)
     lit = np.flatnonzero((sun[:, 2] > 0) & (weather.dni > 0))
@@ -250,7 +252,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, Any]:
     made: dict[str, xr.DataArray] = {}
 
     def add(name: str, endings: tuple[str, ...], values: xr.DataArray, dim: str, *new: str) -> None:
-        """Add statistics of the values along `dim`, which is replaced by the dimensions `new`."""
+        """Add statistics of the values along `dim`. The dimensions `new` replace `dim`."""
         found = xr.apply_ufunc(
             partial(_statistics, groups=months if new else None), values,
             input_core_dims=[[dim]], output_core_dims=[list(new)] * 4,
@@ -314,7 +316,7 @@ def windows_of(time: DishTime, ephemeris: Ephemeris, timezone: str, place: tuple
     """Return the sun vectors at the evaluated instants of each daily window at a site.
 
     A date without an evaluated instant has an empty window. `place` contains latitude and longitude [deg], positive
-    north and east, and altitude [m]. Dates and windows refer to local time in the time zone.
+    north and east, and altitude [m]. Dates and windows refer to local time in `timezone`.
     """
     sun = partial(sun_of, ephemeris, place)
     dates = _sunlit_windows(time, timezone, sun) if time.window.sunlit else daily_windows(time, timezone)
@@ -334,8 +336,8 @@ def sun_of(ephemeris: Ephemeris, place: tuple[float, ...], utc: Stamps) -> Float
 def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
     """Return equally spaced instants between sunrise and sunset on each date.
 
-    If the clock differs strongly from solar time, the sun may be up at the start and at the end of a date. Both periods
-    are then sampled. Sunrise and sunset are searched in steps of 10 minutes.
+    If the clock differs strongly from solar time, the sun may be up at both the start and the end of a date. Both
+    periods are then sampled. Sunrise and sunset are bracketed in steps of 10 minutes.
     """
     from scipy.optimize.elementwise import find_root
 

@@ -39,7 +39,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
                 notes=_DIRECTION * (DIRECTION in swept),
             )  # fmt: skip
         elif not over_dates and directions in result:
-            title = f"Effective tracking factor by {dim}, mean over the directions of the tilt"
+            title = f"Effective tracking factor by {dim}, mean over the tilt directions"
             bands = {directions: (f"{_FACTOR}_std_over_directions",)}
             notes = f"On {days[0]}. Bars: standard deviation over the directions."
             yield Curves(f"directions_over_{dim}", title, (directions,), over=(dim,), bands=bands, notes=notes)
@@ -47,13 +47,13 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
     first = next((dim for dim in (DIRECTION, *swept) if dim in swept and is_ordered(result, dim)), "none")
     by_mount: dict[str, Any] = {"lines": lines, "at": _TYPICAL}
     yield from (
-        Grids("latitude_map", f"Effective tracking factor over latitude and direction of the tilt, {when}",
+        Grids("latitude_map", f"Effective tracking factor over latitude and tilt direction, {when}",
               (factor, f"{_FACTOR}_min"), over=("latitude", DIRECTION), at=_TYPICAL, notes=_DIRECTION),
         Grids("tracking_errors", f"Tracking error over the home position offsets, {when}",
               errors, over=_OFFSETS, at=_TYPICAL),
         Curves("factor_over_year", "Effective tracking factor on each date", (_FACTOR,), over=("date",),
                panels=places, **by_mount),
-        Curves("factor_by_month", "Effective tracking factor: mean of each month",
+        Curves("factor_by_month", "Monthly mean of the effective tracking factor",
                (f"{monthly}_mean", f"{monthly}_mean_over_directions", f"{monthly}_std_over_directions"),
                over=("month",), bands={f"{monthly}_mean": (f"{monthly}_std",)},
                notes="Bands: standard deviation over the dates of the month.", **by_mount),
@@ -63,7 +63,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
                "Maximum tilt of the azimuth axis at which every date reaches the required factor",
                ("tolerable_axis_tilt",), over=("latitude", DIRECTION, *swept), lines=("required_factor",),
                panels=lines, at=_TYPICAL, notes=_DIRECTION),
-        Curves("path_of_the_sun", "Path of the sun", ("azimuth_from_south", "solar_elevation"), over=("time",),
+        Curves("path_of_the_sun", "Sun path", ("azimuth_from_south", "solar_elevation"), over=("time",),
                lines=places, derive=_from_south,
                notes="Azimuth from south, positive to the west; universal time."),
         Curves("error_over_day", "Tracking error at each instant, in universal time", ("tracking_error",),

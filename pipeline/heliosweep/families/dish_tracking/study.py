@@ -1,4 +1,4 @@
-"""Study file model of the `dish_tracking` family."""
+"""Define the study keys of the `dish_tracking` family, and check blocks, dates and weather."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ MODELS = {
     "rigid": "the whole mount is tilted, and the controller does not correct the tilt",
     "untilted_home_axes": "only the azimuth axis is tilted; the home positions are correct (Liu et al. 2022)",
 }
-#: Maximum number of tilt directions that are compared with each other. Fraction of nighttime instants above which a
+#: Maximum number of tilt directions that are checked for repetitions. Fraction of nighttime instants above which a
 #: warning is given. Name of the window from sunrise to sunset.
 MOST_DIRECTIONS, NIGHT, SUNLIT = 100_000, 0.01, "sunrise_to_sunset"
 
@@ -62,7 +62,7 @@ class SunTime(WallTime):
 class DishWindow(Block):
     """Daily time window: between two wall-clock times, or from sunrise to sunset.
 
-    The word ``sunrise_to_sunset`` means ``{start: sunrise, stop: sunset, step: 10 min}``.
+    The word ``sunrise_to_sunset`` is short for ``{start: sunrise, stop: sunset, step: 10 min}``.
     """
 
     start: Annotated[str, SunTime("Wall-clock time at which the window begins, HH:MM, or sunrise", event="sunrise")]
@@ -70,7 +70,7 @@ class DishWindow(Block):
     step: Annotated[
         float,
         Quantity(
-            "Time between instants; between sunrise and sunset, the closest step that divides the day equally",
+            "Time between instants; from sunrise to sunset, the nearest step that divides the window equally",
             "h",
             gt=0,
             le=24,
@@ -101,7 +101,7 @@ class DishWindow(Block):
 
 
 class DishTime(CivilTime):
-    """Dates and a daily window, with the option to omit instants with the sun below the horizon."""
+    """Dates and a daily window, with the option to omit instants at which the sun is below the horizon."""
 
     window: Annotated[DishWindow, Field(description="Daily time window")]  # type: ignore[assignment]
     daylight_only: Annotated[bool, Flag("True to evaluate only instants with the sun above the horizon")] = False
@@ -109,12 +109,12 @@ class DishTime(CivilTime):
     def rules(self) -> Iterator[Fault]:
         """Check that the dates ascend, and that a wall-clock window contains a whole number of steps.
 
-        With inclusive sampling, the number of steps is not checked.
+        Inclusive sampling does not require a whole number of steps.
         """
         if not self.window.sunlit:
             yield from super().rules()
         if any(later <= earlier for earlier, later in itertools.pairwise(self.date_list())):
-            yield Fault("must rise", ("dates",), show_value=False)
+            yield Fault("must increase", ("dates",), show_value=False)
 
     def window_seconds(self) -> tuple[float, float, float]:
         """Return the start and end of the window on the wall clock, counted from midnight, and the time step. [s]"""
@@ -122,7 +122,7 @@ class DishTime(CivilTime):
 
 
 class DishMount(Block):
-    """Model of the azimuth-axis tilt."""
+    """Model of the tilted mount."""
 
     model: Annotated[str | Sweep, Choice("Model of the tilted mount", MODELS, title="model of the tilted mount")]
 
@@ -165,7 +165,7 @@ class MountErrors(Block):
     non_orthogonality: Annotated[
         float | Sweep | None,
         Quantity(
-            "Angle of the elevation axis from the normal plane of the azimuth axis, positive if the end to the "
+            "Angle between the elevation axis and the plane normal to the azimuth axis, positive if the end to the "
             "right of the focal axis is lower",
             "deg",
             ge=-45,
@@ -176,7 +176,7 @@ class MountErrors(Block):
     collimation: Annotated[
         float | Sweep | None,
         Quantity(
-            "Angle of the focal axis from the normal plane of the elevation axis, positive to the right; equal to "
+            "Angle between the focal axis and the plane normal to the elevation axis, positive to the right; equal to "
             "home_azimuth_offset with the opposite sign",
             "deg",
             ge=-45,
@@ -191,12 +191,12 @@ def _length(description: str, title: str) -> Quantity:
 
 
 class Concentrator(Block):
-    """Paraboloid with a round aperture at its focus, used to compute the energy over a year of weather."""
+    """Paraboloid with a round aperture at its focus, for computing the annual energy from a weather file."""
 
     weather: Annotated[
         str,
-        FileName("Weather file with the direct normal irradiance of a year; the energy includes all hours of the "
-                 "file with the sun above the horizon, not only the hours of 'time'", sweep=False),
+        FileName("Weather file with the direct normal irradiance of a year; the energy includes all hours with the "
+                 "sun above the horizon, not only the hours in 'time'", sweep=False),
     ]  # fmt: skip
     focal_length: Annotated[float | Sweep, _length("Focal length", "focal length of the dish")]
     diameter: Annotated[float | Sweep, _length("Diameter of the mirror", "diameter of the dish")]
@@ -205,12 +205,12 @@ class Concentrator(Block):
     ]
     spread: Annotated[
         float | Sweep,
-        Quantity("Standard deviation of the reflected light per axis: sun, slopes (twice) and specularity", "mrad",
-                 ge=0.1, le=100, title="spread of the reflected light"),
+        Quantity("Standard deviation per axis of the direction of the reflected light, from sun, slope errors (twice) "
+                 "and specularity", "mrad", ge=0.1, le=100, title="spread of the reflected light"),
     ]  # fmt: skip
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the rim of the mirror is less than 90 deg from the axis."""
+        """Check that the rim angle of the mirror is below 90 deg."""
         if max(ends(self.diameter)) >= 4.0 * min(ends(self.focal_length)):
             yield Fault("must be below four times the focal length", ("diameter",))
 
@@ -236,13 +236,17 @@ class Ephemeris(Block):
     delta_t: Annotated[
         float | None,
         Quantity(
-            "Terrestrial minus universal time (default: by year and month)", "s", ge=-1000, le=10_000, sweep=False
+            "Terrestrial time minus universal time (default: from the year and month)",
+            "s",
+            ge=-1000,
+            le=10_000,
+            sweep=False,
         ),
     ] = None
 
 
 class Statistics(Block):
-    """Tolerable tilts, which are computed by root finding in addition to the grid."""
+    """Settings for tolerable tilts, which are computed by root finding."""
 
     required_factor: Annotated[
         Sweep,
@@ -291,7 +295,7 @@ class DishTrackingStudy(Study):
         if (self.site is None) == (self.sites is None):
             yield Fault("give either 'site' or 'sites'", show_value=False)
         if self.concentrator is not None and self.site is None:
-            yield Fault("has the weather of one site: give 'site'", ("concentrator", "weather"), show_value=False)
+            yield Fault("contains data of one site: give 'site'", ("concentrator", "weather"), show_value=False)
         if self.output.time_series and self.time.window.sunlit:
             message = "needs a window between wall-clock times, because instants from sunrise to sunset differ"
             yield Fault(f"{message} between sites", ("output", "time_series"), show_value=False)
@@ -307,7 +311,7 @@ def _weather(study: DishTrackingStudy) -> Iterator[Problem | str]:
 
 
 def _doubts(study: DishTrackingStudy) -> Iterator[Problem | str]:
-    """Yield problems if tilt directions repeat, or if the tilt is tied to another key.
+    """Yield problems if tilt directions repeat, or if 'zip' ties the tilt to another key.
 
     Yield a warning if many of the evaluated instants are at night.
     """

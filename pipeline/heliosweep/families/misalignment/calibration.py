@@ -53,10 +53,10 @@ STATUS = {
     DOUBTFUL: "estimated_but_errors_or_spots_are_too_large_to_be_believed",
     DISAGREE: "estimated_but_spots_disagree",
 }
-#: Limits above which an estimate is doubtful: magnitude of a mount error [mrad], and distance of a measured spot from
-#: the spot of a mount without errors [widths or heights of the aperture].
+#: Limits above which an estimate is doubtful: magnitude of a mount error [mrad], and distance between a measured spot
+#: and the spot of a mount without errors [widths or heights of the aperture].
 DOUBTFUL_ERROR, DOUBTFUL_APERTURES = 50.0, 3.0
-#: Maximum distance of a consistent spot from the prediction by the other spots. [robust standard deviations]
+#: Maximum distance of a consistent spot from its robust prediction. [robust standard deviations]
 LARGEST_DEVIATION = 5.0
 #: Codes for alternative interpretations of a spot table.
 MIRRORED, EARLIER, LATER = 1, 2, 3
@@ -69,14 +69,19 @@ LEAST_DISTANCE = 0.005
 #: Minimum factor by which an alternative interpretation of the table must reduce the residuals, and minimum number of
 #: degrees of freedom for the comparison.
 MUCH_BETTER, LEAST_FREEDOM = 2.0, 4
-#: Long names of residuals and of spots before and after calibration, each with a comment for synthetic spots and a
-#: comment for measured spots.
+#: Long names of residuals and of spots before and after calibration. Each long name is followed by a comment for
+#: synthetic spots and a comment for measured spots.
 _SPOTS = {
-    "residual_{}": ("measured minus predicted spot", "missing on days that are not used", "in the order of the file"),
+    "residual_{}": (
+        "measured minus predicted spot",
+        "missing on days that the calibration does not use",
+        "in the order of the file",
+    ),
     "spot_{}_before": (
         "spot before the calibration",
         "position with the true errors; without noise",
-        "as measured; with commanded angles relative to the spot of a mount without errors; in the order of the file",
+        "as measured; if commanded angles are given, relative to the spot of a mount without errors; in the order of "
+        "the file",
     ),
     "spot_{}_after": (
         "spot after the calibration",
@@ -84,7 +89,7 @@ _SPOTS = {
         "leave-one-out residual of the spot; in the order of the file",
     ),
 }
-#: Descriptions of spot positions and of residual directions.
+#: Descriptions of the positive directions of spot positions and residuals.
 _WHERE = {
     "y": f"{SIDES['y']} for an observer in the field who faces the receiver",
     "z": f"{SIDES['z']}, along the receiver's face",
@@ -114,7 +119,7 @@ _SIDES = SIDES | {"z": _WHERE["z"]}
 
 
 def calibration_work(study: MisalignmentStudy) -> Computation:
-    """Return the variables of a study and the function that computes them."""
+    """Return the computation for mode `calibration`."""
     lead, each, measured = ("heliostat",), ("heliostat", *instant_sizes(study)), study.table_of_spots() is not None
     block: Any = study.calibration
     found = estimate_variables("spot", not measured, block.condition_limit) | {
@@ -122,14 +127,15 @@ def calibration_work(study: MisalignmentStudy) -> Computation:
             lead,
             "m",
             "root mean square of the leave-one-out residuals of spots, per coordinate",
-            "to first order, from the block of each spot in the hat matrix; missing if only one spot determines "
-            "an error",
+            "computed to first order from the spot's block of the hat matrix; missing if only one spot determines an "
+            "error",
         ),
         "instants_without_command": quantity(
             lead,
             "1",
-            "number of instants with sun and an estimate at which no command directs the beam to the aim point",
-            "in the blind cone of the mount, or closer to the aim point than the mirror offsets",
+            "number of instants with sun at which no corrected command directs the beam to the aim point",
+            "because of the mount's blind cone, or because the heliostat is closer to the aim point than the mirror "
+            "offsets; 0 without an estimate",
             dtype="int32",
         ),
     }
@@ -144,11 +150,11 @@ def calibration_work(study: MisalignmentStudy) -> Computation:
                 "1",
                 "distance of the spot from its prediction, in robust standard deviations of a coordinate",
                 "the prediction is a fit with Huber's weights; the standard deviation follows from the median "
-                "distance of the "
-                f"heliostat's spots; a spot above {LARGEST_DEVIATION:g} disagrees with the others",
+                f"distance of the heliostat's spots; a spot with a value above {LARGEST_DEVIATION:g} disagrees with "
+                "the other spots",
             ),
             "better_reading": coded(
-                lead, "interpretation of the table for which the residuals are at least halved", READINGS
+                lead, "alternative interpretation of the table that more than halves the residuals", READINGS
             ),
             "spot_time": Variable(
                 (*lead, "spot"),
@@ -171,9 +177,9 @@ def calibration_work(study: MisalignmentStudy) -> Computation:
             "period_error": quantity(errors, "mrad", "estimate of the mount error from the spots in a window"),
             "period_standard_error": quantity(errors, "mrad", "standard error of the estimate from a window"),
             "period_spots": quantity(windows, "1", "number of spots used in a window", dtype="int32"),
-            "period_change": quantity(errors, "mrad", f"change of the mount error {since}"),
-            "period_change_error": quantity(errors, "mrad", f"standard error: change of the mount error {since}"),
-            "drift": replace(flags(errors, "mount error has changed since the first window", words,
+            "period_change": quantity(errors, "mrad", f"change in the mount error {since}"),
+            "period_change_error": quantity(errors, "mrad", f"standard error of the change in the mount error {since}"),
+            "drift": replace(flags(errors, f"flag for mount errors that have changed {since}", words,
                                    "a change is outside the 99.9 % confidence interval for no change (t distribution)"),
                              missing=-1),
         }  # fmt: skip
@@ -203,7 +209,7 @@ def calibration_work(study: MisalignmentStudy) -> Computation:
 
 
 def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
-    """Return the inner dimension labels of estimates, with `what` ("spot" or "crossing") in their long names."""
+    """Return the labels of the estimates' inner dimensions. Long names contain `what`, "spot" or "crossing"."""
     error, draws = (np.array(ERRORS, dtype=object), {"long_name": "mount error"}), draw_count(study)
     labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
     if draws:
@@ -217,12 +223,12 @@ def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
 
 
 def most_spots(campaigns: Mapping[str, MeasuredSpots]) -> int:
-    """Return the maximum number of spots that a heliostat has in any campaign; 0 if there are no spots."""
+    """Return the maximum number of spots per heliostat over all campaigns; 0 without campaigns."""
     return max((measured.most for measured in campaigns.values()), default=0)
 
 
 def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) -> NDArray[np.datetime64]:
-    """Return the start times of the windows that cover the days from the first spot to the last spot."""
+    """Return the start times of the moving windows, which cover all days from the first to the last spot."""
     block: Any = study.calibration
     times = np.concatenate([measured.utc for measured in campaigns.values()])
     first, day = times.min().astype("datetime64[D]").astype("datetime64[ns]"), np.timedelta64(1, "D")
@@ -232,14 +238,14 @@ def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) ->
 
 
 def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Add the variables of commands and, if errors are drawn, the dimension `sample`.
+    """Add the variables for commands and, if errors are drawn, the dimension `sample`.
 
-    Each variable also declares whether its best value is the minimum or the maximum.
+    An attribute marks the variables whose best value is the minimum or the maximum.
     """
     lead, each = ("sample",) if draw_count(study) else (), ("heliostat", *instant_sizes(study))
     nominal = pair("nominal_%", MOUNT_AXES, each, "degree", "commanded angle of the % axis without calibration")
     meaning = "corrected command of the % axis with the estimated errors"
-    comment = "missing if there is no sun, in the blind cone, and if there is no usable estimate"
+    comment = "missing without sun, in the blind cone, and without a usable estimate"
     drawn = {**found, **pair("corrected_%", MOUNT_AXES, each, "degree", meaning, comment)}
     made = {name: replace(one, dims=(*lead, *one.dims)) for name, one in drawn.items()}
     return with_best(made | nominal, ("crossed_fraction", "round_hit_fraction"), _SMALLEST)
@@ -258,20 +264,23 @@ def arranged(study: MisalignmentStudy, variables: Mapping[str, Variable], values
 
 
 def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -> dict[str, Variable]:
-    """Return the variables of estimates from spots or crossings; `limit` is the maximum condition number."""
+    """Return the variables of estimates from spots or crossings.
+
+    `limit` is the condition number above which a warning is given; None for the default limit.
+    """
     lead, of_errors, spots = ("heliostat",), ("heliostat", "parameter"), what == "spot"
     more: dict[str, Any] = {} if limit is None else {"condition_limit": float(limit)}
     meanings = {code: words.replace("%", what) for code, words in STATUS.items() if spots or code < DOUBTFUL}
-    truth = {"true_error": quantity(of_errors, "mrad", f"error of the synthetic {what}s")}
+    truth = {"true_error": quantity(of_errors, "mrad", f"true mount error of the synthetic {what}s")}
     interval = (
         "95 % confidence intervals follow from the t distribution with 2 spots_used - parameters degrees of freedom; "
-        "they "
-        "contain the true error in 95 % of the cases for spots from at least two days, but in 85 to 90 % for six "
-        "errors and spots from one day; missing if the numbers of equations and errors are equal"
+        "they contain the true error in 95 % of the cases if the spots are from at least two days, but only in 85 to "
+        "90 % if six errors are estimated from spots of one day; missing if the numbers of equations and errors are "
+        "equal"
         if spots
         else (
-            "from noise and pitch of the detectors (pitch / sqrt(12) without noise), or from the residuals if both "
-            "are 0; 95 % confidence intervals extend 1.96 standard errors to both sides"
+            "computed from the noise and pitch of the detectors (pitch / sqrt(12) without noise), or from the "
+            "residuals if both are 0; 95 % confidence intervals extend 1.96 standard errors on either side"
         )
     )
     return {
@@ -279,7 +288,7 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
             of_errors,
             "mrad",
             "estimate of the mount error",
-            "missing for errors that are not estimated, and if calibration_status has no estimate; for a fit that "
+            "missing for errors that are not estimated, and if calibration_status is not an estimate; for a fit that "
             "did not converge, the last iterate",
         ),
         "standard_error": quantity(of_errors, "mrad", "standard error of the estimate", interval),
@@ -287,7 +296,7 @@ def estimate_variables(what: str, synthetic: bool, limit: float | None = None) -
             (*of_errors, "parameter_2"),
             "mrad2",
             "covariance of the estimates",
-            "scaled by the variance of the residuals; with a robust loss the covariance of an M-estimator (Huber and "
+            "scaled by the variance of the residuals; with a robust loss, the covariance of an M-estimator (Huber and "
             "Ronchetti 2009, section 7.6)" * spots,
         ),
         "condition_number": quantity(
@@ -342,10 +351,10 @@ def estimates(found: Fit, samples: int, what: str) -> tuple[Values, Floats]:
 
 
 def rms(squares: Floats, counted: NDArray[np.bool_], coordinates: int = 1) -> Floats:
-    """Return the root mean square along the last axis of the squares flagged in `counted`.
+    """Return the root mean square per coordinate along the last axis.
 
-    Each square is a sum over `coordinates` coordinates, and the result is the value per coordinate. The result is NaN
-    if `counted` flags no square.
+    Each entry of `squares` is a sum over `coordinates` coordinates. Only the entries flagged in `counted` are included;
+    the result is NaN if no entry is flagged.
     """
     count = coordinates * np.count_nonzero(counted, axis=-1)
     total = np.sum(np.where(counted, squares, 0.0), axis=-1)
@@ -355,7 +364,10 @@ def rms(squares: Floats, counted: NDArray[np.bool_], coordinates: int = 1) -> Fl
 def observed_of(
     measured: MeasuredSpots, mounts: Mounts, numbers: NDArray[np.int64], held: NDArray[np.bool_] | None = None
 ) -> Observed:
-    """Return the observed spots of heliostats. Missing commanded angles are computed for mounts without errors."""
+    """Return the observed spots of each heliostat. Spots flagged in `held` have the weight 0.
+
+    Missing commanded angles are computed for mounts without errors.
+    """
     sun, angles = measured.lists(numbers, measured.sun), measured.lists(numbers, measured.angles)
     angles = np.where(np.isnan(angles).any(axis=-1, keepdims=True), mounts.aim(sun), angles)
     weight = measured.lists(numbers, measured.weight if held is None else measured.weight * ~held, 0.0)
@@ -363,7 +375,7 @@ def observed_of(
 
 
 def command_values(mounts: Mounts, sun: Floats, corrected: Floats) -> Values:
-    """Return the commanded angles before and after correction, by variable name.
+    """Return the nominal and corrected commands by variable name. [deg]
 
     `corrected` contains the corrected angles, shape (H, K, T, 2). [rad]
     """
@@ -420,7 +432,7 @@ def _synthetic(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Val
 
 
 def _spots(scene: Scene, actual: Floats, known: Floats) -> Floats:
-    """Return the spots (y, z) of mounts with the errors `actual` and commands that correct the errors `known`.
+    """Return the spots (y, z) of mounts with the errors `actual` if the commands correct the errors `known`.
 
     Both arrays of errors have the shape (H, K, 6) [rad]; `known` may also have the shape (1, 1, 6). The spots have the
     shape (H, K, T, 2) [m].
@@ -521,11 +533,11 @@ def _medians(values: Floats) -> Floats:
 def _better_reading(
     mounts: Mounts, observed: Observed, given: NDArray[np.bool_], found: Fit, latitude: float, options: dict[str, Any]
 ) -> NDArray[np.int64]:
-    """Return the code in `READINGS` for the spot table interpretation that fits each heliostat best, shape (H,).
+    """Return the interpretation of the spot table that fits each heliostat best, as a code of `READINGS`, shape (H,).
 
     An alternative interpretation is chosen if its mount errors are plausible and it more than halves the root mean
     square residual. In a mirrored table, the sign of y or z is reversed. For times that are an hour early or late, the
-    sun is rotated by 15 deg about the Earth's axis. Missing commanded angles are computed for the rotated sun.
+    sun is rotated by 15 deg about the Earth's axis, and missing commanded angles are computed for the rotated sun.
     """
     pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
 
@@ -552,7 +564,7 @@ def _large(found: Fit) -> NDArray[np.bool_]:
 
 
 def detectors_work(study: MisalignmentStudy) -> Computation:
-    """Return the variables of a study and the function that computes them."""
+    """Return the computation for mode `detectors`."""
     lead, each, measured = ("heliostat",), ("heliostat", *instant_sizes(study)), study.table_of_spots() is not None
     block: Any = study.detectors
     of_array, of_rounds = (*each, "trace", "detector", "crossing"), (*lead, "round")
@@ -579,7 +591,7 @@ def detectors_work(study: MisalignmentStudy) -> Computation:
             (*lead, "trace", "detector"),
             "1",
             "fraction of the instants with sunlight at which a trace crosses an array",
-            "missing if there is no sunlight at any instant",
+            "missing if no instant has sunlight",
         ),
         "misses_array": flags(
             (*lead, "detector"),
@@ -590,7 +602,7 @@ def detectors_work(study: MisalignmentStudy) -> Computation:
     found |= estimate_variables("crossing", not measured)
     meaning = "measured minus predicted crossing, along the array"
     residual = quantity((*lead, "spot"), "m", meaning, "in the order of the file")
-    meaning = "deviation of the mirror from its command about the % axis, from the crossings of one instant"
+    meaning = "deviation of the mirror from its command about the % axis, estimated from the crossings at one instant"
     over = "round 0: before any correction; over the instants with a spot"
     loop = {
         **pair("instant_%_error", MOUNT_AXES, each, "mrad", meaning, "all other errors are assumed to be zero"),
@@ -599,7 +611,7 @@ def detectors_work(study: MisalignmentStudy) -> Computation:
                 each,
                 "mrad",
                 f"standard error of instant_{axis}_error",
-                "from noise and pitch of the detectors; 0 without",
+                "computed from the noise and pitch of the detectors; 0 if both are 0",
             )
             for axis in MOUNT_AXES
         },
@@ -661,7 +673,7 @@ def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> 
         float(np.hypot(settings["noise"], settings["pitch"] / np.sqrt(12.0))),
         {"parameters": int(settings["parameters"]), "condition_limit": study.detectors.condition_limit},
     )
-    if point.inputs:  # estimates from measured crossings, and the crossings of mounts without errors
+    if point.inputs:  # measured crossings: estimate the errors, and compute the crossings of mounts without errors
         (measured,) = point.inputs.values()
         none = np.zeros((len(scene.numbers), 1, 1, len(ERRORS)))
         values = field.sights(field.mounts.stand(field.mounts.aim(field.sun, none), none))
@@ -683,7 +695,7 @@ def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> 
 
 
 class _Field(NamedTuple):
-    """Mounts, aperture, sun and detector arrays.
+    """Mounts, aperture, sun and detector arrays of a study at one point.
 
     `half` contains half the width and half the height of the aperture [m], and `sun` contains the unit vectors to the
     sun, shape (T, 3). `spread` is the standard deviation of a detector reading [m].
@@ -697,7 +709,10 @@ class _Field(NamedTuple):
     options: dict[str, Any]
 
     def crossings(self, mirror: Stand) -> tuple[Floats, Floats]:
-        """Return the positions of crossings along arrays [m] and cylinder angles [rad], shape (H, K, T, 2, A, C)."""
+        """Return the positions of crossings along the arrays [m] and the cylinder angles at the crossings [rad].
+
+        Both arrays have the shape (H, K, T, 2, A, C).
+        """
         start, along = self.mounts.on_face(self.segments.start), self.mounts.on_face(self.segments.along)
         places, angles = traces.crossings(mirror, self.sun, start, along, self.segments.ends)
         places[~(traces.dot(mirror.centre, self.mounts.face[0]) > 0)] = np.nan
@@ -726,7 +741,7 @@ class _Field(NamedTuple):
         )
 
     def sights(self, mirror: Stand) -> Values:
-        """Return the crossings of each trace with each array, with a status that explains missing crossings."""
+        """Return the crossings of each trace with each array, and a status that explains missing crossings."""
         places, turned = self.crossings(mirror)
         lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, self.mounts.face[0]) > 0)
         crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
@@ -741,7 +756,7 @@ class _Field(NamedTuple):
         }
 
     def remaining(self, mirror: Stand) -> tuple[Floats, Values]:
-        """Return the spots, shape (H, K, T, 2) [m], and statistics of beam errors over all instants, shape (H, K)."""
+        """Return the spots, shape (H, K, T, 2) [m], and the statistics of beam errors over all instants, (H, K)."""
         rays = traces.reflected(mirror.normal, self.sun)
         places = traces.spots(mirror.centre, rays, self.mounts.face)
         places[~(traces.dot(mirror.normal, self.sun) > 0)] = np.nan
@@ -775,7 +790,7 @@ class _Field(NamedTuple):
             if settings["noise"] > 0 and count:
                 drawn = noise_of_draws(
                     seeds[0], 200 + number, seeds[1], draws, math.prod(places.shape[2:])
-                )  # after the streams for spots
+                )  # other streams than for the noise of spots
                 noise = settings["noise"] * drawn.reshape(places.shape)
             here = self.observed(angles, self.segments.readings(places, noise, settings["pitch"]))
             lists.append([each.reshape(count * draws, -1, *each.shape[3:]) for each in here if each is not None])

@@ -64,11 +64,11 @@ _TYPICAL = {
     "days_used": 99,
     "round": 99,
 }
-#: Dimensions other than swept keys.
+#: Dimensions that do not belong to swept keys.
 _OWN = (HELIOSTAT, HOUR, *DAYS, "sample", "spot", "parameter", "parameter_2", "round", "percentile", "detector",
         "crossing", "trace", "conic_coefficient", "outline", "edge", "tolerance_axis")  # fmt: skip
 _SEEN = "Seen from the field. Grey: aperture."
-#: Variables by which heliostats can be sorted, in descending order of their values.
+#: Variables by which tables sort the heliostats, maximum first. The first variable in the result is used.
 _RANKS = ("held_out_residual_rms", "beam_residual_rms")
 
 
@@ -85,7 +85,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
                 over=sizes,
                 lines=("axis", HOUR, *DAYS),
                 at=_TYPICAL,
-                notes=f"{_SEEN} Dotted: the whole curve; diamonds: its focus.{measured}",
+                notes=f"{_SEEN} Dotted lines: complete curves. Diamonds: foci.{measured}",
                 looks=_AXES,
                 against={"spot_z": "spot_y"},
                 extra=_conics,
@@ -192,10 +192,13 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
             panels=("correction",),
             reduce={"sample": "median", HELIOSTAT: "field"},
             logarithmic=True,
-            notes="Over the heliostats; round 0 is before any correction.",
+            notes="Statistics over the heliostats. Round 0 is before any correction.",
         ),
         Grids(
-            "hit_grid", "Hits over both errors", ("hit_fraction",) if len(errors) > 1 else (), over=tuple(errors[:2])
+            "hit_grid",
+            "Hit fraction over both errors",
+            ("hit_fraction",) if len(errors) > 1 else (),
+            over=tuple(errors[:2]),
         ),
     ]  # fmt: skip
 
@@ -216,7 +219,7 @@ def _field(result: xr.Dataset) -> list[Figure]:
              interactive=False),
         Maps("hit_map", inside, ("day_hit_fraction", "hit_fraction", "beam_error_rms", "spot_distance_rms"),
              panels=(*numbers, *words, *DAYS), at=_TYPICAL),
-        Maps("residual_map", "Residuals of the spots", (*_RANKS, "residual_rms"), panels=(*numbers, *words),
+        Maps("residual_map", "Spot residuals", (*_RANKS, "residual_rms"), panels=(*numbers, *words),
              at=_TYPICAL),
         Curves("tolerance_over_day", f"{tolerance}, over the hours", ("tracking_tolerance",), lines=lines,
                panels=panels, **of_field),
@@ -225,7 +228,7 @@ def _field(result: xr.Dataset) -> list[Figure]:
         *(
             Curves(
                 f"hits_over_{dim}",
-                f"Hits and tolerance over {Context(result).title(dim)}",
+                f"Hit fraction and tolerance over {Context(result).title(dim)}",
                 ("day_hit_fraction", "hit_fraction", "minimum_tolerance"),
                 over=(dim,),
                 lines=("axis", *words, *DAYS, HELIOSTAT),
@@ -259,7 +262,7 @@ def _before_after(result: xr.Dataset) -> xr.Dataset:
 
 
 def _conics(axes: Any, result: xr.Dataset, point: Point) -> None:
-    """Draw the complete deviation curves, foci, beam edges, measured spots and detector lines in one panel."""
+    """Draw complete deviation curves, foci, beam edges, measured spots and detector lines in one panel."""
     y, z = np.meshgrid(*(np.linspace(low, high, 201) for low, high in (axes.get_xlim(), axes.get_ylim())))
     look: dict[str, Any] = {"scalex": False, "scaley": False}
     names = np.atleast_1d(result["axis"].to_numpy()).tolist() if "axis" in result.coords else [""]
@@ -341,7 +344,7 @@ def _recovered(result: xr.Dataset) -> Any:
     return drawing, context.note(fixed)
 
 
-#: Variables that describe the quality of a fit, and the headings of their table columns.
+#: Variables that describe the quality of a fit, with the headings of their table columns.
 _QUALITY = {
     "spots_used": "spots",
     "crossings_used": "crossings",
@@ -353,7 +356,7 @@ _QUALITY = {
     "held_out_spots": "spots held out",
     "uncalibrated_held_out_residual_rms": "held-out residual without calibration",
     "held_out_residual_rms": "held-out residual with calibration",
-    "least_known_direction": "least known error",
+    "least_known_direction": "least accurately known error",
     "calibration_status": "status",
 }
 
@@ -393,7 +396,7 @@ def _errors_found(result: xr.Dataset) -> Table:
 
 
 def _hits_of_draws(result: xr.Dataset) -> Table:
-    """Tabulate the hit fraction on each day, the worst heliostat and the spread of the spots for drawn mount errors."""
+    """Tabulate the hit fraction, the worst heliostat and the spread of the spots on each day for drawn mount errors."""
     context, hits = Context(result), 100.0 * result["day_hit_fraction"].reset_coords(drop=True)
     dims, percent = [str(dim) for dim in hits.dims if dim != HELIOSTAT], {"units": "%"}
     hits = hits.where(np.isfinite(hits)).transpose(..., HELIOSTAT)
@@ -419,8 +422,8 @@ def _hits_of_draws(result: xr.Dataset) -> Table:
 
 #: Maximum number of spots or heliostats that a warning lists.
 _LISTED = 6
-#: Warning for each flag code. The placeholder {count} is the number of cases with the total number. {what} is "spots"
-#: or "crossings", and {least} is the mount error that is determined least accurately.
+#: Warning for each flag code. Placeholders: {count} is the number of cases and the total number, {what} is "spots" or
+#: "crossings", and {least} is the mount error that is determined least accurately.
 _FLAGS = {
     "detector_status": {
         NO_ELEVATION: "at {count} instants the elevation trace crosses no array",
@@ -443,10 +446,10 @@ _FLAGS = {
     "spot_status": {
         BEHIND_FACE: "{count} rays start on the receiver plane or behind it, because of the mirror offset: no spot",
         MISSES: "{count} rays point away from the receiver plane, or come from a mirror whose back is lit: no spot",
-        BLIND_CONE: "{count} rays would need a mount to point into its blind cone: no spot",
+        BLIND_CONE: "{count} rays require a mount to point into its blind cone: no spot",
     },
 }
-#: Pairs of a count and the warning that is shown if the count is not zero.
+#: Pairs of a count and a warning. The warning is shown if the count is not zero.
 Remarks = Iterator[tuple[int, str]]
 
 
@@ -469,13 +472,13 @@ def _of_statistics(result: xr.Dataset) -> Remarks:
     real = result["real_fraction"].to_numpy()
     some, none = int(np.count_nonzero((real > 0) & (real < 1))), int(np.count_nonzero(real == 0))
     yield some, f"{some:,} of {real.size:,} statistics omit draws whose ray does not reach the receiver's plane"
-    yield none, f"{none:,} of {real.size:,} statistics are missing: no draw's ray reaches the receiver's plane"
+    yield none, f"{none:,} of {real.size:,} statistics are missing: no draw has a ray that reaches the receiver's plane"
 
 
 def _of_arrays(result: xr.Dataset) -> Remarks:
-    missed, advice = result["misses_array"].transpose("detector", ...), "with any trace (misses_array): move the array"
+    missed, advice = result["misses_array"].transpose("detector", ...), "(misses_array): move the array"
     for number, each in enumerate(missed.to_numpy() > 0):
-        words = f"{each.sum():,} of {each.size:,} heliostats, counted at each point of the sweep,"
+        words = f"the traces of {each.sum():,} of {each.size:,} heliostats, counted at each point of the sweep,"
         yield (
             int(each.sum()),
             f"{words} never cross array {number} {advice}, or make it longer",
@@ -489,9 +492,9 @@ def _of_calibrations(result: xr.Dataset) -> Remarks:
     listed = ", ".join(map(str, heliostats[:_LISTED])) + ", ..." * int(heliostats.size > _LISTED)
     yield (
         heliostats.size,
-        f"heliostat {listed}: the calibration is doubtful. An error is beyond {DOUBTFUL_ERROR:g} mrad, or a spot lies "
-        f"more than {DOUBTFUL_APERTURES:g} apertures from the prediction of a mount without errors: check that "
-        "spots are in metres, and that suns, commanded angles and heliostats are correct (calibration_status "
+        f"heliostat {listed}: the calibration is doubtful. An error exceeds {DOUBTFUL_ERROR:g} mrad, or a spot lies "
+        f"more than {DOUBTFUL_APERTURES:g} apertures from the prediction for a mount without errors: check that "
+        "spots are in metres, and that sun vectors, commanded angles and heliostats are correct (calibration_status "
         f"{DOUBTFUL})",
     )
 
@@ -586,7 +589,7 @@ def _of_measured(result: xr.Dataset) -> Remarks:
     mirrored = (
         "y is positive to the right for an observer in the field who faces the receiver, and z is positive upwards"
     )
-    clock = "check the offset from universal time, and summer time"
+    clock = "check the offset from universal time and whether summer time applies"
     for code, advice in ((MIRRORED, mirrored), (EARLIER, clock), (LATER, clock)):
         count = int((point["better_reading"] == code).sum())
         fitted = f"the spots of {count:,} of {known:,} heliostats fit much better {READINGS[code].replace('_', ' ')}"

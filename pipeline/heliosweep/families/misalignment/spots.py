@@ -1,8 +1,8 @@
-"""Instants, heliostats, mounts and drawn errors of all modes, and the modes `curves` and `mount_errors`.
+"""Modes `curves` and `mount_errors`, and functions that all modes share.
 
 Mode `curves` computes deviation curves with their tolerances, conics and crossings with detectors. Mode `mount_errors`
-computes spots for fixed, swept or drawn errors, and statistics over the draws. Drawn errors are not stored, but
-recomputed from the seed in each call. The drawn errors of a heliostat are the same at all instants and points.
+computes spots for fixed, swept or drawn errors, and statistics over the draws. Drawn errors are not stored: each call
+recomputes them from the seed. The drawn errors of a heliostat are the same at all instants and points.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ from heliosweep.lazy import xr
 from heliosweep.mounts import AXES, KINDS, SOURCES, SPOT_STATUS, mounts_of
 from heliosweep.sun import direction, sun_vectors
 
-#: Status of padding entries after the last heliostat of a layout that is shorter than the longest layout.
+#: Status of the padding entries that follow the last heliostat of a shorter layout.
 NO_HELIOSTAT = -1
-#: Directions of the axes in the receiver's plane.
+#: Positive directions of the axes in the receiver plane.
 SIDES = {"y": "to the right of the aim point", "z": "above the aim point"}
 #: Random streams for the noise of synthetic spots along y and z. Mount error i of `ERRORS` uses stream i.
 NOISE_STREAMS = (100, 101)
-#: Keys with a single value in each group of points computed in one call.
+#: Keys that have a single value in each call. A call computes a group of points.
 APART = ("sun.azimuth", "sun.elevation", "heliostats.pivot_height")
 #: Keys that label a result even if they are not swept.
 _LABELS = (
@@ -68,7 +68,7 @@ _LABELS = (
 
 
 def computation(study: MisalignmentStudy) -> Computation:
-    """Return the computation for the mode of a study, with the labels and dimensions common to all modes."""
+    """Return the computation for the study's mode, with the labels and dimensions common to all modes."""
     module = "spots" if study.mode in ("curves", "mount_errors") else "calibration"
     made: Computation = pkgutil.resolve_name(f"{__package__}.{module}:{study.mode}_work")(study)
 
@@ -101,7 +101,7 @@ def instant_sizes(study: MisalignmentStudy) -> dict[str, int]:
 
 
 def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
-    """Return the day and hour labels, or the length 1 of both dimensions if the sun is fixed."""
+    """Return the labels of the day and hour dimensions, or the length 1 of each dimension if the sun is fixed."""
     time = study.time
     if time is None:
         return {"day": 1, "hour": 1}
@@ -120,8 +120,8 @@ def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
 def wall_clock(time: CivilTime, timezone: str) -> NDArray[np.datetime64]:
     """Return the universal time of each wall-clock hour on each date, shape (dates, hours).
 
-    Hours that a clock change skips are NaT. If an hour occurs twice, its first occurrence is used. Time zones
-    are offsets such as ``+08:00`` or IANA names.
+    Hours that a clock change skips are NaT. If an hour occurs twice, its first occurrence is used. `timezone` is an
+    offset such as ``+08:00`` or an IANA name.
     """
     zone, seconds = parse_timezone(timezone), _wall_seconds(time).tolist()
     found = [to_utc(date, second, zone) for date in time.date_list() for second in seconds]
@@ -135,7 +135,7 @@ def _wall_seconds(time: CivilTime) -> Floats:
 
 
 def sun_of(point: Point) -> Floats:
-    """Return the unit vectors to the sun at a point, ordered by day and hour, shape (T, 3): east, north, up. [1]"""
+    """Return the unit vectors to the sun (east, north, up) at each day and hour of a point, shape (T, 3). [1]"""
     time = point.study.time
     if time is None:
         return direction(point["sun.azimuth"], point["sun.elevation"])[np.newaxis]
@@ -151,7 +151,7 @@ def _civil_sun(time: CivilTime, timezone: str, *place: float) -> Floats:
 
 
 class Positions(LayoutAxis):
-    """Layout with a pivot at each position in a study: east, north and up, relative to the tower's base [m]."""
+    """Layout whose pivots are the positions listed in a study."""
 
     def __init__(self, study: MisalignmentStudy) -> None:
         layout = Layout(*np.array(study.heliostats.positions or (), np.float64).T)
@@ -173,8 +173,8 @@ class Positions(LayoutAxis):
 def values_of(point: Point, key: str, shape: tuple[int, ...] | None = None, given: Any = None) -> NDArray[Any]:
     """Return the values of a key at the points of a group; 0 if the key has no value.
 
-    `shape` is the number of values to return along each dimension of the group (default: all). A value `given` other
-    than None overrides the values of the key.
+    `shape` is the number of values to return along each dimension of the group (default: all). If `given` is not None,
+    it overrides the values of the key.
     """
     values = [value for value in (given, point[key], 0.0) if value is not None]
     return np.broadcast_to(values[0], point.group)[tuple(map(slice, shape or point.group))].ravel()
@@ -206,11 +206,11 @@ class Scene(NamedTuple):
 
 
 def codes_of(names: Sequence[Any] | NDArray[Any], known: Sequence[str]) -> NDArray[np.int64]:
-    """Return the codes that the kernels use for names: the positions of the names in `known`."""
+    """Return the kernel code of each name, which is its position in `known`."""
     return np.array([known.index(str(name)) for name in names], np.int64)
 
 
-#: Study key for each field of `Setting`, in order, with a function that converts values to the unit of the field.
+#: Study key of each field of `Setting`, in order, with a function that converts its values to the kernel's unit.
 _SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
     "receiver.azimuth": np.radians,
     "receiver.tilt": np.radians,
@@ -227,12 +227,12 @@ _SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
 
 
 def coded(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "") -> Variable:
-    """Return a variable of integer codes, with the code -1 for padding entries of shorter layouts."""
+    """Return a variable that contains integer codes, with the code -1 for padding entries of shorter layouts."""
     return replace(flags(dims, long_name, {NO_HELIOSTAT: "no_heliostat", **meanings}, comment), missing=NO_HELIOSTAT)
 
 
 def numbered(count: int, meaning: str) -> tuple[NDArray[np.int64], dict[str, str]]:
-    """Return the labels of a dimension (integers from 0) and their attributes."""
+    """Return the integer labels of a dimension, counted from 0, and their attributes."""
     return np.arange(count), {"long_name": meaning, "units": "1"}
 
 
@@ -257,7 +257,7 @@ def error_keys(study: MisalignmentStudy) -> list[str]:
 
 
 def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
-    """Yield the six mount errors of each heliostat and draw at each point of a group, shape (H, samples, 6). [mrad]"""
+    """Yield the mount errors of all heliostats and draws for each point of a group, shape (H, samples, 6). [mrad]"""
     block = point.study.mount_errors
     deviates = _deviates(block.errors(), tuple(numbers.tolist()), max(1, block.draws()), block.seed or 0)
     scale = values_of(point, "mount_errors.scale")
@@ -272,14 +272,16 @@ _deviates = lru_cache(maxsize=2)(standard_deviates)
 @lru_cache(maxsize=4)
 def noise_of_draws(seed: int, stream: int, heliostats: tuple[int, ...], samples: int, count: int) -> Floats:
     """Return `count` standard normal numbers for each heliostat and draw, shape (H, samples, count)."""
-    # The counter of the random number generator limits the noise of one draw to 2^24 numbers.
+    # Consecutive draws start 2^24 numbers apart in the stream, so that a draw can use up to 2^24 numbers.
     each = (standard_normals(seed, stream, heliostats, count, sample * 2**24) for sample in range(samples))
     return np.stack([*each], axis=1)
 
 
 #: Number of points on the outline of a spot.
 OUTLINE = 36
-_FIRST = "the first instant if there are several; missing if the minimum tolerance is infinite or missing"
+_FIRST = (
+    "the first instant if the minimum occurs several times; missing if the minimum tolerance is infinite or missing"
+)
 _SEEN = "for an observer in the field who faces the receiver; missing unless spot_status is 0"
 #: Axes in the mirror plane about which the remaining tolerance is computed.
 TOLERANCE_AXES = ("elevation", "azimuth")
@@ -296,7 +298,7 @@ _MOMENTS = {
     "real_fraction": "real_fraction",
     "status": "spot_status",
 }
-#: Errors that the commands correct, shape (1, 1, 6): all zero, because no error is known.
+#: Errors that the commands correct, shape (1, 1, 6): all zero, because the errors are unknown to the controller.
 _UNKNOWN = np.zeros((1, 1, len(ERRORS)))
 _DRAWS = "realization: {} (over the draws of the mount errors)"
 _AIMED = {
@@ -309,7 +311,7 @@ _AIMED = {
 
 
 def curves_work(study: MisalignmentStudy) -> Computation:
-    """Return the variables of a study and the function that computes them.
+    """Return the computation for mode `curves`.
 
     Variables that describe a complete curve do not vary with the error size.
     """
@@ -328,12 +330,12 @@ def curves_work(study: MisalignmentStudy) -> Computation:
             (*each, "conic_coefficient"),
             "1",
             "coefficients of the deviation curve A Y2 + B Y Z + C Z2 + D Y + E Z + F = 0",
-            "Y = spot_y and Z = spot_z in m, divided by A, or by the coefficient of maximum magnitude if A is zero; "
-            "missing if the curve is not a conic: if the error moves the mirror centre, or rotates about the axis "
-            "of the encoder",
+            "Y = spot_y and Z = spot_z in m; all coefficients are divided by A, or by the coefficient of maximum "
+            "magnitude if A is zero; missing if the curve is not a conic, because the error moves the mirror centre "
+            "or is a rotation about the encoder axis",
         ),
         "eccentricity": of_curve(
-            each, "1", "eccentricity of the deviation curve", "below 1 an ellipse, above 1 a hyperbola"
+            each, "1", "eccentricity of the deviation curve", "below 1 for an ellipse, above 1 for a hyperbola"
         ),
         **{
             f"focus_{side}": of_curve(
@@ -343,9 +345,9 @@ def curves_work(study: MisalignmentStudy) -> Computation:
         },
     }
     if study.beam is not None:
-        comment = "for a beam from the mirror's centre"
-        found |= pair("outline_%", SIDES, (*each, "outline"), "m", "outline of the spot of the beam, %", comment)
-        found |= pair("edge_%", SIDES, (*each, "edge"), "m", "edge of the trace of the beam over the error, %")
+        comment = "for a beam whose central ray starts at the mirror's centre"
+        found |= pair("outline_%", SIDES, (*each, "outline"), "m", "outline of the beam's spot, %", comment)
+        found |= pair("edge_%", SIDES, (*each, "edge"), "m", "edge of the beam's trace as the error varies, %")
     meaning = "minimum tolerance over all days and hours"
     found["minimum_tolerance"] = of_curve(
         each[:1], "mrad", meaning, "infinite if the spot never leaves the aperture; missing if there is no spot"
@@ -373,7 +375,7 @@ def curves_work(study: MisalignmentStudy) -> Computation:
                 (*each, "detector"),
                 "mrad",
                 "error at which the spot lies on a detector line",
-                "minimum error of either sign; missing if there is none",
+                "error of minimum magnitude; missing if there is no crossing",
             )
         }
     variables = with_best(found, ("tracking_tolerance", "minimum_tolerance"))
@@ -382,10 +384,10 @@ def curves_work(study: MisalignmentStudy) -> Computation:
     if len(lines := _lines(study)):
         dims["detector"] = numbered(len(lines), "number of the detector line, counted from 0")
     if study.beam is not None:
-        turn = {"long_name": "position on the outline of a spot, given as the angle about the ray", "units": "degree"}
+        turn = {"long_name": "position on the outline of a spot, as an angle about the central ray", "units": "degree"}
         side = {
             "long_name": (
-                "edge of a trace, formed by rays from the point of the sun nearest to or farthest from the axis"
+                "edge of a trace, formed by rays from the point of the sun nearest to or farthest from the error axis"
             )
         }
         dims["outline"] = 360.0 * np.arange(OUTLINE) / OUTLINE, turn
@@ -428,7 +430,7 @@ def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
 
 
 def size_dims(study: MisalignmentStudy) -> tuple[str, ...]:
-    """Return the swept dimension along which only the error size varies; empty if there is none."""
+    """Return the name of the dimension along which only the error size varies; empty if there is none."""
     return tuple(dim.name for dim in study.dimensions() if set(dim.sweeps) == {"error.size"})
 
 
@@ -560,7 +562,7 @@ def beams(
 
 
 def mount_errors_work(study: MisalignmentStudy) -> Computation:
-    """Return the variables of a study and the function that computes them."""
+    """Return the computation for mode `mount_errors`."""
     block: Any = study.mount_errors
     common: dict[str, Any] = {"labels": tuple(error_keys(study)), "arrays": APART, "unit": "spots"}
     if not block.draws():
@@ -568,12 +570,15 @@ def mount_errors_work(study: MisalignmentStudy) -> Computation:
     each, mean = ("heliostat", *instant_sizes(study)), _DRAWS.format("mean")
     moments = {
         "spot_y_mean": (
-            "m", "mean spot to the right of the aim point, for an observer in the field who faces the receiver", "mean"
+            "m",
+            "mean position of the spot to the right of the aim point, for an observer in the field who faces the "
+            "receiver",
+            "mean",
         ),
-        "spot_z_mean": ("m", "mean spot above the aim point, positive upwards along the receiver's face", "mean"),
-        "spot_y_variance": ("m2", "variance of the spot to the right (n - 1)", "variance"),
-        "spot_z_variance": ("m2", "variance of the spot upwards (n - 1)", "variance"),
-        "spot_yz_covariance": ("m2", "covariance of the spot to the right and upwards (n - 1)", "mean"),
+        "spot_z_mean": ("m", "mean position of the spot above the aim point, along the receiver's face", "mean"),
+        "spot_y_variance": ("m2", "variance of the spot's coordinate to the right (n - 1)", "variance"),
+        "spot_z_variance": ("m2", "variance of the spot's upward coordinate (n - 1)", "variance"),
+        "spot_yz_covariance": ("m2", "covariance of the spot's coordinates to the right and upwards (n - 1)", "mean"),
     }  # fmt: skip
     real = "over the draws whose ray reaches the receiver's plane; missing if there are no such draws or no sun"
     found = {
@@ -584,7 +589,7 @@ def mount_errors_work(study: MisalignmentStudy) -> Computation:
             each,
             "1",
             "fraction of the draws whose spot lies in the aperture",
-            "of all draws, including draws without a spot; missing without sun",
+            "relative to all draws, including draws without a spot; missing without sun",
             cell_methods=mean,
         ),
         "real_fraction": quantity(
@@ -604,8 +609,8 @@ def mount_errors_work(study: MisalignmentStudy) -> Computation:
             (*each, "percentile", "tolerance_axis"),
             "mrad",
             "angle by which the mirror can rotate about its centre before its spot leaves the aperture",
-            "percentile over the draws of the minimum angle about the in-mirror axis; 0 for a draw whose spot is "
-            "outside or does not exist, infinite if no angle moves the spot outside",
+            "percentile over the draws of the minimum angle about an axis in the mirror plane; 0 for a draw whose "
+            "spot is outside or does not exist, infinite if no angle moves the spot outside",
         ),
         "day_hit_fraction": quantity(
             each[:-1],
@@ -629,9 +634,9 @@ def mount_errors_work(study: MisalignmentStudy) -> Computation:
         words = "mean {:g}, standard deviation {:g}" if error.kind == NORMAL else "{:g} to {:g}"
         seed = "" if error.seed is None else f", seed {error.seed}"
         errors.append(f"{name} {error.kind} ({words.format(*error.parts)} mrad{seed})")
-    errors.append(f"{block.draws()} draws of Philox 4x64, seed {block.seed or 0}, keyed by error and heliostat")
+    errors.append(f"{block.draws()} draws from Philox 4x64, seed {block.seed or 0}, keyed by error and heliostat")
     percentile = {"long_name": "percentile over the draws", "units": "1"}
-    axis = {"long_name": "in-mirror axis about which the mirror rotates"}
+    axis = {"long_name": "axis in the mirror plane about which the mirror rotates"}
     percentiles = np.array(PERCENTILES if study.statistics is None else study.statistics.percentiles.values(), float)
     return Computation(
         partial(drawn, percentiles),
@@ -654,7 +659,7 @@ def fixed_errors(point: Point) -> dict[str, NDArray[Any]]:
 
 
 def drawn(percentiles: NDArray[np.float64], point: Point) -> dict[str, NDArray[Any]]:
-    """Compute statistics over the draws at a group of points, and the mean hit fraction of each day."""
+    """Compute statistics over the draws at a group of points, and the mean hit fraction on each day."""
     scene = Scene.of(point)
     sky, made = (scene.sun[np.newaxis], scene.pivots[np.newaxis]), []
     for number, errors in enumerate(drawn_errors(point, scene.numbers)):

@@ -44,10 +44,11 @@ MAX_BYTES, MAX_SPOTS = 256 * 2**20, 2_000_000
 MAX_PERIODS = 1000
 #: Maximum difference between 1 and the length of a sun vector.
 SUN_LENGTH = 1e-3
-#: Maximum magnitude of a coordinate of a spot [m], and of a commanded angle [deg].
+#: Maximum magnitudes of a spot coordinate [m] and of a commanded angle [deg].
 FARTHEST, LARGEST = 1e6, 720.0
-#: Limits above which a table is rejected: distance of a spot from the aim point relative to the distance of its
-#: heliostat [1] (four times the value for a poor mount), and distance of a crossing from a detector array [m].
+#: Limits above which a table is rejected: distance of a spot from the aim point divided by the distance of its
+#: heliostat from the aim point [1] (the limit is four times the value for a poor mount), and distance of a crossing
+#: from the nearest detector array [m].
 FARTHEST_SPOT, FARTHEST_CROSSING = 0.2, 0.1
 
 WHOLE = re.compile(r"\s*[0-9]{1,9}\s*")
@@ -65,7 +66,7 @@ def _time(text: str, local: bool = False) -> tuple[np.datetime64, bool]:
         words = "must be an ISO 8601 time, such as 2024-06-21T09:30:00+02:00"
         raise ValueError(f"{words} (got {text[:40]!r})") from None
     if stamp.tzinfo is None and not local:
-        remedy = "such as +02:00 or Z, at its end, or set 'calibration.timezone'"
+        remedy = "such as +02:00 or Z: add the offset, or set 'calibration.timezone'"
         raise ValueError(f"needs an offset from UTC, {remedy} (got {text[:40]!r})")
     if not FIRST_YEAR <= stamp.year <= LAST_YEAR:
         raise ValueError(f"must be in the years {FIRST_YEAR} to {LAST_YEAR} (got {text[:40]!r})")
@@ -84,9 +85,9 @@ COLUMNS = {
     "time": Column(
         "ISO 8601 with offset, such as 2024-06-21T09:30:00+02:00", read=_time, dtype=object, missing=(_NO_TIME, False)
     ),
-    "sun_x": Column("unit vector to the sun, east"),
-    "sun_y": Column("unit vector to the sun, north"),
-    "sun_z": Column("unit vector to the sun, up"),
+    "sun_x": Column("east component of the unit vector to the sun"),
+    "sun_y": Column("north component of the unit vector to the sun"),
+    "sun_z": Column("upward component of the unit vector to the sun"),
     "weight": Column(
         "inverse variance, in any unit (default: 1)", least=0.0, bounds="at least 0, because it is an inverse variance"
     ),
@@ -94,11 +95,11 @@ COLUMNS = {
     "elevation": _angle("commanded angle of the secondary axis, in deg (default: the ideal angle)"),
     "target": Column("name of the target whose plane contains the spots", read=str, dtype=object, missing=""),
     "spot": Column("name of the spot, for calibration.held_out"),
-    "comment": Column("text that is ignored"),
+    "comment": Column("text, which is ignored"),
 }
 #: Numerical columns that `calibration.columns` can scale.
 SCALED = ("y", "z", "weight", "azimuth", "elevation")
-#: Names of the traces that cross detectors, in the order of their codes in the kernel.
+#: Names of the traces of a heliostat, in the order of their codes in the kernel.
 TRACES = ("elevation", "azimuth")
 
 
@@ -108,7 +109,7 @@ def _trace(text: str) -> int:
     return TRACES.index(text)
 
 
-#: Columns that a detector crossing table adds or replaces.
+#: Columns of a table of detector crossings that differ from the columns of a spot table.
 CROSSING = {
     "trace": Column("elevation or azimuth", required=True, read=_trace, dtype=np.int64, missing=0),
     "y": _place("crossing on the receiver plane, to the right of the aim point for an observer in the field, in m"),
@@ -119,14 +120,14 @@ _SUN = ("sun_x", "sun_y", "sun_z")
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSpots:
-    """Measured spots, or detector crossings, in the order of the file.
+    """Measured spots or detector crossings, in the order of the file.
 
     Parameters
     ----------
     heliostat : ndarray of int64, shape (S,)
         Heliostat numbers, counted from 0.
     position : ndarray, shape (S, 2)
-        Spots y, z on the receiver plane. [m]
+        Coordinates y, z of the spots on the receiver plane. [m]
     sun : ndarray, shape (S, 3)
         Unit vectors to the sun: east, north, up; NaN for spots with a time. [1]
     utc : ndarray of datetime64[ns], shape (S,)
@@ -134,13 +135,13 @@ class MeasuredSpots:
     weight : ndarray, shape (S,)
         Inverse variances in any unit. [1]
     angles : ndarray, shape (S, 2)
-        Commanded encoder angles; NaN if the mount used the angles of an ideal mount. [rad]
+        Commanded encoder angles; NaN if the mount received the commands of an ideal mount. [rad]
     lines : ndarray of int64, shape (S,)
         Line number of each spot in the file, counted from 1.
     name : str
         Name of the file as given by the user.
     trace : ndarray of int64, shape (S,), optional
-        For detector crossings, index of the trace in `TRACES`.
+        Index of each crossing's trace in `TRACES`; None for spots.
     targets : tuple of str
         Names of the targets whose planes contain the spots, if the file has a target column.
     unused : tuple of str
@@ -169,11 +170,14 @@ class MeasuredSpots:
 
     @property
     def most(self) -> int:
-        """Maximum number of spots that a heliostat has."""
+        """Maximum number of spots per heliostat."""
         return int(np.bincount(self.heliostat).max(initial=1))
 
     def lists(self, numbers: NDArray[np.int64], values: NDArray[Any], missing: Any = np.nan) -> NDArray[Any]:
-        """Return the values of each heliostat's spots in the order of the file, shape (H, `most`, ...)."""
+        """Return the values of each heliostat's spots in the order of the file, shape (H, `most`, ...).
+
+        `missing` fills the entries after the last spot of a heliostat.
+        """
         order = np.argsort(self.heliostat, kind="stable")
         of = self.heliostat[order]
         size = 1 + max(self.heliostat.max(initial=0), numbers.max(initial=0))
@@ -182,10 +186,10 @@ class MeasuredSpots:
         return table[numbers]
 
     def held_out(self, given: int | tuple[str, ...] | None) -> NDArray[np.bool_]:
-        """Return True for each held-out spot, shape (S,).
+        """Return a mask of the held-out spots, shape (S,).
 
-        `given` contains the names of the held-out spots, or their number for each heliostat. A number selects the
-        latest spots, or the last spots in the file if the spots have no times.
+        `given` contains the names of the held-out spots, or is the number of held-out spots per heliostat. A number
+        selects the latest spots, or the last spots in the file if the spots have no times.
         """
         if not isinstance(given, int):
             return np.isin(self.spot, given) if given and self.spot else np.zeros(len(self.lines), bool)
@@ -205,12 +209,12 @@ def read_spots(
     timezone: str = "",
     columns: tuple[tuple[str, str, float, float], ...] = (),
 ) -> MeasuredSpots:
-    """Read measured spots, or detector crossings, from a CSV file, and compute their sun vectors at a site.
+    """Read measured spots or detector crossings from a CSV file, and compute their sun vectors at a site.
 
-    The first row contains column titles from `COLUMNS`. The columns ``heliostat``, ``y`` and ``z`` are required, and
-    also either ``time`` or all of ``sun_x``, ``sun_y`` and ``sun_z``. The columns ``weight``, ``azimuth`` with
-    ``elevation``, and ``comment`` are optional. Empty lines, lines that start with ``#``, and other columns are
-    ignored. The encoding is UTF-8.
+    The first row contains column titles from `COLUMNS`. The columns ``heliostat``, ``y`` and ``z`` are required,
+    together with either ``time`` or all of ``sun_x``, ``sun_y`` and ``sun_z``. The other columns of `COLUMNS` are
+    optional, but ``azimuth`` and ``elevation`` must occur together. Empty lines, lines that start with ``#``, and
+    unknown columns are ignored. The encoding is UTF-8.
 
     Parameters
     ----------
@@ -221,12 +225,12 @@ def read_spots(
     names : tuple of str, optional
         Names of the heliostats.
     place : tuple, optional
-        Latitude and longitude [deg] and altitude [m] of the site. If the place or the longitude is missing, spots with
-        times have no sun vectors.
+        Latitude [deg], longitude [deg] and altitude [m] of the site. If the place or the longitude is missing, sun
+        vectors are not computed from times.
     crossings : bool
-        True if the rows are crossings, which need a column ``trace``.
+        True if the rows are crossings. The column ``trace`` is then required.
     timezone : str
-        Time zone of times without an offset, as an offset or an IANA name. If omitted, all times need an offset.
+        Time zone of times without an offset, given as an offset or an IANA name. If omitted, all times need an offset.
     columns : tuple of tuples
         Key, title in the file, scale and offset of each renamed or scaled column.
 
@@ -237,8 +241,8 @@ def read_spots(
     Raises
     ------
     StudyError
-        If the file cannot be read or is not a valid table. The message lists each invalid row with file, line and
-        column.
+        If the file cannot be read or is not a valid table. The message lists the file, line and column of each invalid
+        cell.
     """
     known = COLUMNS | (CROSSING if crossings else {}) | {"heliostat": _heliostats(heliostats, names)}
     if timezone:
@@ -254,7 +258,7 @@ def read_spots(
         rows="crossings" if crossings else "spots",
         most_bytes=MAX_BYTES,
         most_rows=MAX_SPOTS,
-        needs="a header, such as heliostat,y,z,time, and one row for each",
+        needs="a header, such as heliostat,y,z,time, and one row for each measurement",
         also=_check_header,
         titles={key: title for key, title, *_ in columns},
     )
@@ -312,7 +316,7 @@ def _heliostats(count: int, names: Sequence[str]) -> Column:
             )
         row = rows.get(given, int(given) if WHOLE.fullmatch(given) else count)
         if row >= count:
-            hint = f"; they are numbered from 0 to {count - 1}" + ", or named as in the layout" * bool(rows)
+            hint = f"; heliostats are numbered from 0 to {count - 1}" + ", or named as in the layout" * bool(rows)
             raise ValueError(f"is unknown{did_you_mean(given, rows) or hint} (got {given[:40]!r})")
         return row
 
@@ -326,18 +330,18 @@ def _check_header(table: Table) -> None:
     if "time" in table.header and sun:
         table.add(f"has both time and {sun[0]}: remove one of them, because they may contradict each other", HEADER)
     elif "time" not in table.header and missing:
-        table.add(f"needs {words}, the direction of the sun for the spot", HEADER)
+        table.add(f"needs {words}, to define the direction of the sun", HEADER)
     for key, other in (("azimuth", "elevation"), ("elevation", "azimuth")):
         if key in table.header and other not in table.header:
             table.add(f"needs a column {other} in addition to {key}, or neither of these commanded angles", HEADER)
 
 
 def _unit_vectors(table: Table, sun: Floats) -> Floats:
-    """Normalise the sun vectors, and record a problem for each vector with a wrong length or below the horizon."""
+    """Normalise the sun vectors, and record a problem for each vector of a wrong length or below the horizon."""
     length = np.sqrt(np.sum(sun**2, axis=1))
     odd = np.abs(length - 1.0) > SUN_LENGTH
     for row in np.flatnonzero(odd | (sun[:, 2] <= 0)).tolist():
-        size = f"the sun vector has the length {length[row]:.6g}, which must be 1 to within {SUN_LENGTH:g}"
+        size = f"the length of the sun vector is {length[row]:.6g}, but must be 1 to within {SUN_LENGTH:g}"
         words = f"{size}: divide it by its length" if odd[row] else f"{_below(sun[row])}; sun_z is positive upwards"
         table.add(words, row, "sun_x" if odd[row] else "sun_z")
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -345,13 +349,13 @@ def _unit_vectors(table: Table, sun: Floats) -> Floats:
 
 
 class Segments(NamedTuple):
-    """The S line segments of all A arrays, in the order of the arrays.
+    """Line segments (S) of all detector arrays (A), in the order of the arrays.
 
     Positions along an array are measured from its first point. Positions along an infinite line are measured from the
     foot of the perpendicular from the aim point. [m]
     """
 
-    #: Number of the array to which each segment belongs, lines first, shape (S,).
+    #: Number of the array that contains each segment, shape (S,). Infinite lines come before the arrays.
     array: NDArray[np.int64]
     #: Reference point y, z of each segment, shape (S, 2): first point, or foot of the perpendicular for a line. [m]
     start: Floats
@@ -363,13 +367,13 @@ class Segments(NamedTuple):
     ends: Floats
     #: Index of the first segment of each array, shape (A,).
     starts: NDArray[np.int64]
-    #: Maximum number of crossings between a trace and an array: two for each segment.
+    #: Maximum number of crossings between a trace and an array: two per segment.
     most: int
 
     def by_array(self, places: Floats, angles: Floats) -> tuple[Floats, Floats]:
         """Convert positions on segments, shape (..., S, 2), to ascending positions along arrays, shape (..., A, C).
 
-        The angles are sorted in the order of the positions.
+        The angles are returned in the order of the sorted positions.
         """
         lead, within = places.shape[:-2], np.arange(self.array.size) - self.starts[self.array]
         found = np.full((2, *lead, self.starts.size, self.most // 2, 2), np.nan)
@@ -384,7 +388,7 @@ class Segments(NamedTuple):
     def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
         """Return the readings of detector arrays for crossings at `places`, with added noise, shape (..., A, C). [m]
 
-        A reading is the position of the nearest detector.
+        If the pitch is not zero, a reading is the position of the nearest detector.
         """
         read, longest = places + noise, np.maximum.reduceat(self.origin + self.ends[:, 1], self.starts)
         if pitch > 0:
@@ -393,7 +397,7 @@ class Segments(NamedTuple):
         return np.clip(read, self.ends[self.starts, :1], longest[:, np.newaxis])
 
     def points(self, places: Floats) -> tuple[Floats, Floats]:
-        """Return the points (y, z) along the arrays, and the array directions, both of shape (..., A, C, 2)."""
+        """Return the points (y, z) at positions along the arrays, and the array directions, both (..., A, C, 2)."""
         own = self.array == np.arange(self.starts.size)[:, np.newaxis, np.newaxis]  # (A, 1, S)
         passed = np.count_nonzero(own & (self.origin + self.ends[:, 0] <= places[..., np.newaxis]), axis=-1)
         which = self.starts[:, np.newaxis] + np.maximum(passed - 1, 0)
@@ -412,7 +416,7 @@ class Segments(NamedTuple):
 
 
 def segments_of(block: Any) -> Segments:
-    """Return the segments of all detector lines and arrays in a study."""
+    """Return the segments of all detector lines and arrays in a `detectors` block."""
     rows: list[tuple[int, Floats, Floats, float, tuple[float, float]]] = []
     for l0, l1, l2 in block.lines or ():
         across = np.array([l0, l1]) / np.hypot(l0, l1)
@@ -461,7 +465,7 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
     if layout is not None and measured.targets and aimed != set(measured.targets):
         spots, field = ", ".join(measured.targets), ", ".join(map(str, aimed))
         message = f"are on the target {spots}, but {layout.name} is measured from the target {field}"
-        yield study.problem(key, f"{message}: convert both with one --aim")
+        yield study.problem(key, f"{message}: convert both files with the same --aim")
         return
     if key == "measured":
         return
@@ -470,7 +474,7 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
         x, y = pivots[:2] if layout is None else (layout.x, layout.y)
         away = np.hypot(np.hypot(x, y), max(ends(study.receiver.height)))[measured.heliostat]
         distance = np.hypot(*measured.position.T)
-        # With commanded angles, the mount may have aimed at another point.
+        # A mount with commanded angles may have aimed at another point.
         far = (distance > FARTHEST_SPOT * away) & np.isnan(measured.angles).any(axis=1)
         words = "the spot is {:.4g} m and its heliostat {:.4g} m from the aim point: check that the spot is in metres"
     else:
@@ -496,18 +500,17 @@ def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what:
     if every == 0:
         yield study.problem(key, f"no {what[:-1]} has a weight above 0, so no errors can be estimated")
     elif each * most < errors:
-        needed = f"{errors} errors need {errors // each} {what} of a heliostat"
+        needed = f"{errors} errors need {errors // each} {what} per heliostat"
         if each * every < errors:
             yield study.problem(key.replace(what, "parameters"), f"{needed}, and {measured.name} has at most {every:g}")
         else:
-            message = f"leaves at most {most:g} of {every:g} {what} of a heliostat in {measured.name}: {needed}"
+            message = f"leaves at most {most:g} of {every:g} {what} per heliostat in {measured.name}: {needed}"
             yield study.problem("calibration.held_out", message)
     names = study.heliostat_names()[1]
     if other := [row for row, name in enumerate(names) if WHOLE.fullmatch(name) and int(name) != row]:
         yield (
-            f"{len(other):,} names of heliostats are integers that differ from their rows, such as "
-            f"{names[other[0]]!r} of row "
-            f"{other[0]}: the heliostats in the spot file are read as names"
+            f"{len(other):,} heliostat names are integers that differ from their row numbers, such as "
+            f"{names[other[0]]!r} in row {other[0]}: heliostats in the spot file are read as names"
         )
 
 
@@ -530,6 +533,6 @@ def _spare_rows(study: MisalignmentStudy, campaigns: Sequence[MeasuredSpots]) ->
             yield study.problem(f"calibration.{key}", message)
         elif days < block.window:
             yield (
-                f"calibration.window: {block.window:g} days contain all spots, which cover {days:.3g} days: one period "
-                "shows no drift"
+                f"calibration.window: a window of {block.window:g} days contains all spots, which cover {days:.3g} "
+                "days: a single period shows no drift"
             )

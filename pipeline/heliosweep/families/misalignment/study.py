@@ -1,4 +1,4 @@
-"""Study file model of the `misalignment` family, with checks of its blocks, its layouts and the sun."""
+"""Define the study keys of the `misalignment` family, and check blocks, layouts and the sun."""
 
 from __future__ import annotations
 
@@ -58,26 +58,26 @@ Triple = tuple[float, float, float]
 
 #: Mount kinds, in the order of their codes in the kernels.
 MOUNTS = {
-    "azimuth_elevation": "primary axis vertical",
+    "azimuth_elevation": "vertical primary axis",
     "target_aligned": "primary axis towards the target",
     "polar": "primary axis towards the celestial north pole",
-    "tilt_roll": "primary axis horizontal, in the direction of axis_azimuth",
+    "tilt_roll": "horizontal primary axis with the azimuth axis_azimuth",
 }
 #: Error sources, in the order of their codes in the kernels.
 SOURCES = {
     "canting": "the mirror rotates about its centre",
-    "encoder": "the mirror with its offset rotates about the pivot",
+    "encoder": "the mirror, including its offset, rotates about the pivot",
     "tilt": "the whole mount rotates about its base, pedestal_height below the pivot",
 }
 #: Error axes, in the order of their codes in the kernels.
 AXES = {
-    "elevation": "about the horizontal axis in the mirror; positive raises the normal",
-    "azimuth": "about the up-slope axis in the mirror; positive clockwise seen from the end of the primary axis",
-    "encoder_azimuth": "about the primary axis of the mount; positive clockwise seen from its end",
+    "elevation": "about the horizontal axis in the mirror plane; positive errors raise the normal",
+    "azimuth": "about the upward axis in the mirror plane; positive clockwise, seen from the end of the primary axis",
+    "encoder_azimuth": "about the primary axis of the mount; positive clockwise, seen from the end of the axis",
 }
 #: Function that creates a fault whose message omits the invalid value.
 fault = partial(Fault, show_value=False)
-#: Meaning of the mount errors in each mode that requires them if the study has no spot table.
+#: Role of the mount errors in each mode that requires them if the study has no spot table.
 TRUTH = {
     "mount_errors": "the mount errors",
     "calibration": "the true errors of synthetic spots",
@@ -87,7 +87,7 @@ LOSSES = {"squared": "least squares", "huber": "linear beyond loss_scale", "cauc
 
 
 class Sun(Block):
-    """Fixed sun, such as a lamp in a laboratory."""
+    """Fixed position of the sun or of a laboratory lamp."""
 
     azimuth: Annotated[
         float | Sweep,
@@ -112,14 +112,14 @@ class Receiver(ReceiverPoint):
     azimuth: Annotated[
         float | Sweep,
         Quantity(
-            "Azimuth of the face's outward normal, clockwise from north; 0 faces a field in the north",
+            "Azimuth of the receiver's outward normal, clockwise from north; at 0, it faces a field in the north",
             "deg", ge=-360, le=360, dimension="receiver_azimuth", title="azimuth of the receiver's normal",
         ),
     ] = 0.0  # fmt: skip
     tilt: Annotated[
         float | Sweep,
         Quantity(
-            "Tilt of the face's outward normal above the horizontal; negative values face down",
+            "Tilt of the receiver's outward normal above the horizontal; negative if the receiver faces down",
             "deg", ge=-90, le=90, dimension="receiver_tilt", title="tilt of the receiver's normal above the horizontal",
         ),
     ] = 0.0  # fmt: skip
@@ -130,25 +130,27 @@ class Receiver(ReceiverPoint):
     height_extent: Annotated[
         float | Sweep,
         Quantity(
-            "Height of the aperture, along the face",
+            "Height of the aperture, measured along the receiver's face",
             "m", gt=0, dimension="receiver_height_extent", title="height of the aperture",
         ),
     ]  # fmt: skip
 
 
 class Heliostats(Block):
-    """Pivots of the heliostats."""
+    """Positions of the heliostats' pivots."""
 
     positions: Annotated[
         tuple[Triple, ...] | None,
         ListOfNumbers(
-            "Pivots: east, north and up, relative to the tower's base; instead of a 'layout'", "m", ("x", "y", "z")
+            "Pivot positions relative to the tower's base: east, north and up; instead of 'layout'",
+            "m",
+            ("x", "y", "z"),
         ),
     ] = None
     pivot_height: Annotated[
         float | Sweep | None,
         Quantity(
-            "Height of the pivot above the heliostat's base; only with a layout (default: 0)",
+            "Height of the pivot above the heliostat's base; requires a 'layout' (default: 0)",
             "m", ge=0, title="height of the pivot above the heliostat's base",
         ),
     ] = None  # fmt: skip
@@ -163,14 +165,14 @@ class Mount(Block):
     mirror_offset: Annotated[
         float | Sweep,
         Quantity(
-            "Distance of the mirror's centre in front of the elevation axis, along the mirror's normal",
+            "Distance from the elevation axis to the mirror's centre, along the mirror's normal",
             "m", ge=0, title="offset of the mirror along its normal",
         ),
     ] = 0.0  # fmt: skip
     axis_offset: Annotated[
         float | Sweep,
         Quantity(
-            "Distance of the elevation axis from the primary axis, positive to the front; not used in mode: curves",
+            "Distance from the primary axis to the elevation axis, positive to the front; 0 in mode: curves",
             "m", title="offset of the elevation axis from the primary axis",
         ),
     ] = 0.0  # fmt: skip
@@ -205,12 +207,12 @@ class Error(Block):
 
 
 class Beam(Block):
-    """Conical beam around its central ray."""
+    """Conical beam with a given divergence and width."""
 
     divergence: Annotated[
         float | Sweep,
-        Quantity("Full angle of the beam (9.3 mrad for the sun)", "mrad", gt=0, le=500, dimension="beam_divergence",
-                 title="full angle of the beam"),
+        Quantity("Full divergence angle of the beam (9.3 mrad for sunlight)", "mrad", gt=0, le=500,
+                 dimension="beam_divergence", title="full angle of the beam"),
     ]  # fmt: skip
     width: Annotated[
         float | Sweep,
@@ -224,20 +226,20 @@ class MountErrors(MountAngles):
 
     samples: Annotated[
         int | None,
-        Quantity("Number of draws, for all distributions", "1", ge=1, le=MAX_SAMPLES, integer=True, sweep=False),
+        Quantity("Number of draws from each distribution", "1", ge=1, le=MAX_SAMPLES, integer=True, sweep=False),
     ] = None
     seed: Annotated[
         int | None,
-        Quantity("Seed of the draws, for all distributions", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
+        Quantity("Seed for the distributions that have no seed", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
     ] = None
 
     def draws(self) -> int:
-        """Return the maximum number of draws for each heliostat; 0 if no error is drawn."""
+        """Return the number of draws for each heliostat; 0 if no error is drawn."""
         drawn = self.drawn().values()
         return max(self.samples or 1, *(error.samples or 1 for error in drawn)) if drawn else 0
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the number of draws is given, and that it is equal for all distributions."""
+        """Check that the number of draws is given and is the same for all distributions."""
         drawn = self.drawn()
         given = {("samples",): self.samples} | {(name, "samples"): error.samples for name, error in drawn.items()}
         counts = {path: count for path, count in given.items() if count is not None}
@@ -246,8 +248,8 @@ class MountErrors(MountAngles):
         yield from when(
             *((wrong and not drawn, fault(NOT_DRAWN, (key,))) for key, wrong in idle.items()),
             (drawn and not counts,
-             fault("'samples' is missing: give the number of draws of the distributions")),
-            *((count != first, Fault(f"must be {first:,}, because all errors have the same number of draws", path))
+             fault("'samples' is missing: give the number of draws from each distribution")),
+            *((count != first, Fault(f"must be {first:,}, because all errors need the same number of draws", path))
               for path, count in counts.items()),
         )  # fmt: skip
 
@@ -271,7 +273,7 @@ _LIMIT = Quantity(
 #: Methods that correct the commands in a closed loop.
 CORRECTIONS = {
     "mount": "mount errors, estimated from all previous crossings",
-    "instant": "offsets of both encoders at each instant, from the crossings at this instant in the previous round",
+    "instant": "offsets of both encoders, estimated for each instant from its crossings in the previous round",
 }
 
 
@@ -285,13 +287,13 @@ class DetectorArray(Block):
     points: Annotated[
         tuple[tuple[float, float], ...],
         ListOfNumbers(
-            "Ends of the straight segments: position to the right of the aim point, and above it", "m", ("y", "z")
+            "Vertices of the polyline: distances to the right of the aim point and above it", "m", ("y", "z")
         ),
     ]
 
 
 class Detectors(Block):
-    """Detectors on the receiver's plane, and settings for estimates from their readings."""
+    """Detectors in the receiver plane, and settings for estimating mount errors from detector readings."""
 
     lines: Annotated[
         tuple[Triple, ...] | None,
@@ -301,17 +303,17 @@ class Detectors(Block):
     ] = None
     arrays: Annotated[
         tuple[DetectorArray, ...] | None,
-        Field(description=f"Detector arrays along straight segments, at most {MAX_ARRAYS}; mode: detectors only"),
+        Field(description=f"Detector arrays along polylines, at most {MAX_ARRAYS}; mode: detectors only"),
     ] = None
     pitch: Annotated[
         float | Sweep | None,
-        Quantity("Distance between the detectors of an array, to which measured positions are rounded (default: "
-                 "continuous)",
+        Quantity("Distance between the detectors of an array; positions are rounded to the nearest detector (default: "
+                 "no rounding)",
                  "m", ge=0, dimension="detector_pitch", title="distance between the detectors"),
     ] = None  # fmt: skip
     noise: Annotated[
         float | Sweep | None,
-        Quantity("Standard deviation of positions measured along an array (default: 0)", "m", ge=0,
+        Quantity("Standard deviation of the noise in positions along an array (default: 0)", "m", ge=0,
                  dimension="detector_noise", title="noise of the position along an array"),
     ] = None  # fmt: skip
     parameters: Annotated[
@@ -319,35 +321,35 @@ class Detectors(Block):
     ] = None
     correction: Annotated[
         str | Sweep | None,
-        Choice("Correction of the commands (default: mount)", CORRECTIONS, title="correction of the commands"),
+        Choice("Method that corrects the commands (default: mount)", CORRECTIONS, title="correction of the commands"),
     ] = None
     rounds: Annotated[
         int | None,
-        Quantity("Number of rounds of the closed loop, each over all days and hours (default: 1)", "1", ge=1, le=50,
+        Quantity("Number of closed-loop rounds, each over all days and hours (default: 1)", "1", ge=1, le=50,
                  integer=True, sweep=False),
     ] = None  # fmt: skip
     crossings: Annotated[
         str | None,
         FileName(
             "CSV table of measured crossings: heliostat, trace, y and z in m, time or sun "
-            "vector, optional weight (default: crossings of 'mount_errors')",
+            "vector, optional weight (default: synthetic crossings computed with 'mount_errors')",
             sweep=False,
         ),
     ] = None
     condition_limit: Annotated[float | None, _LIMIT] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check lines and arrays, and that measured crossings are not combined with a closed loop."""
+        """Check the lines and arrays, and that measured crossings are not combined with a closed loop."""
         arrays, pitch = self.arrays or (), 0.0 if self.pitch is None else max(ends(self.pitch))
         shortest = min((sum(itertools.starmap(math.dist, itertools.pairwise(one.points))) for one in arrays), default=0)
-        message = "is only used for crossings of 'mount_errors', because a table has no commands: remove it"
+        message = "applies only to synthetic crossings, because a table of crossings has no commands: remove it"
         yield from when(
             (self.lines is None and self.arrays is None,
              fault("has no detectors: give 'arrays', a list of {points: [[y, z], ...]}, or 'lines'")),
             (self.arrays is not None and not 1 <= len(arrays) <= MAX_ARRAYS,
              fault(f"must have 1 to {MAX_ARRAYS} arrays (got {len(arrays):,})", ("arrays",))),
             (arrays and pitch > shortest,
-             fault(f"must be at most {shortest:.6g} m, the length of the shortest of 'arrays' (got {pitch:g})",
+             fault(f"must be at most {shortest:.6g} m, the length of the shortest array (got {pitch:g})",
                    ("pitch",))),
             *((not any(line[:2]),
                Fault("is not a line: the first two numbers must not both be zero", ("lines", number)))
@@ -409,49 +411,62 @@ class HeldOut(Parameter):
 
 
 class Calibration(Block):
-    """Settings for the estimation of mount errors from spots."""
+    """Settings for estimating mount errors from spots."""
 
     parameters: Annotated[int | Sweep, _PARAMETERS] = 4
     spots: Annotated[
         str | Sweep | None,
         FileName(
             "CSV table of measured spots: heliostat, y and z in m, time or sun vector, optional weight (default: "
-            "synthetic spots of 'mount_errors'). A list of files adds the dimension campaign",
+            "synthetic spots computed with 'mount_errors'). A list of files adds the dimension campaign",
             dimension="campaign", title="file of measured spots",
         ),
     ] = None  # fmt: skip
     columns: Annotated[
         Mapping[str, Any] | None,
-        SpotColumns("Column titles of 'spots', each as a title or {from: title, scale, offset}"),
+        SpotColumns("Column titles in the file 'spots', each given as a title or as {from: title, scale, offset}"),
     ] = None
     held_out: Annotated[
         int | tuple[str, ...] | None,
-        HeldOut("Spots that test the calibration and are not used for the fit: a number, for the last spots of each "
-                "heliostat by time (or in the order of the file), or a list of names in the column 'spot'"),
+        HeldOut("Spots that test the calibration and are excluded from the fit: a list of names in the column 'spot', "
+                "or a number, which selects the latest spots of each heliostat (the last in the file if they have no "
+                "times)"),
     ] = None  # fmt: skip
     window: Annotated[
         float | None,
-        Quantity("Length of moving windows, each with a separate estimate, to show drift", "d", gt=0, sweep=False),
+        Quantity(
+            "Length of the moving windows in which errors are estimated separately to detect drift",
+            "d",
+            gt=0,
+            sweep=False,
+        ),
     ] = None
     window_step: Annotated[
         float | None,
-        Quantity("Distance between the starts of windows (default: the length of a window)", "d", gt=0, sweep=False),
+        Quantity(
+            "Time between the starts of consecutive windows (default: the length of a window)", "d", gt=0, sweep=False
+        ),
     ] = None
     timezone: Annotated[
-        str | None, TimeZone("Time zone of spots whose times have no offset: an offset such as +08:00, or an IANA name")
+        str | None, TimeZone("Time zone for spot times without an offset: an offset such as +08:00, or an IANA name")
     ] = None
     noise: Annotated[
         float | Sweep,
-        Quantity("Standard deviation of each coordinate of synthetic spots", "m", ge=0, title="noise of the spots"),
+        Quantity(
+            "Standard deviation of the noise in each coordinate of synthetic spots",
+            "m",
+            ge=0,
+            title="noise of the spots",
+        ),
     ] = 0.0
     days_used: Annotated[
         int | Sweep | None,
         Quantity(
-            "Number of days of 'time' with spots (default: all)",
+            "Number of days with synthetic spots, counted from the first day of 'time' (default: all days)",
             "1", ge=1, integer=True, title="number of days with spots",
         ),
     ] = None  # fmt: skip
-    loss: Annotated[str | Sweep, Choice("Loss function of a residual", LOSSES, title="loss function")] = "squared"
+    loss: Annotated[str | Sweep, Choice("Loss function for the residuals", LOSSES, title="loss function")] = "squared"
     loss_scale: Annotated[
         float | Sweep,
         Quantity(
@@ -464,7 +479,7 @@ class Calibration(Block):
     condition_limit: Annotated[float | None, _LIMIT] = None
 
 
-#: Modes in which a block is allowed. All modes allow the other blocks.
+#: Modes that allow each block. Blocks that are not listed here are allowed in all modes.
 BLOCKS_OF_MODES = {
     "error": ("curves",),
     "beam": ("curves",),
@@ -474,8 +489,8 @@ BLOCKS_OF_MODES = {
     "statistics": ("mount_errors",),
     "calibration": ("calibration",),
 }
-#: Names of all variables. The names are repeated here because importing the modules that declare the variables is slow.
-#: A test compares this list with the declared variables.
+#: Names of all result variables and coordinates. The names are repeated here because importing the modules that declare
+#: the variables is slow. A test compares this list with the declared variables.
 _NAMES_OF_RESULTS = """
     heliostat layout clearance inner_radius rings heliostat_count pivot_height site latitude longitude altitude
     sun_azimuth sun_elevation time day declination date hour utc sample percentile tolerance_axis spot receiver_height
@@ -504,10 +519,10 @@ _NAMES_OF_RESULTS = """
 RESERVED = frozenset((*ERRORS, *_NAMES_OF_RESULTS.split()))
 
 MODES = {
-    "curves": "spots for a single misalignment, and its tolerance for the aperture",
+    "curves": "spots for a single misalignment, and the error at which the spot leaves the aperture",
     "mount_errors": "spots for the six errors of a mount, which are fixed, swept or drawn",
-    "calibration": "estimated errors of mounts from spots",
-    "detectors": "crossings of heliostat traces with detector arrays, and the misalignment from these crossings",
+    "calibration": "mount errors estimated from spots",
+    "detectors": "crossings of heliostat traces with detector arrays, and mount errors estimated from the crossings",
 }
 
 
@@ -530,9 +545,7 @@ class MisalignmentStudy(Study):
     beam: Annotated[Beam | None, Field(description="Beam whose outlines are computed; mode: curves only")] = None
     measured: Annotated[
         str | None,
-        FileName(
-            "CSV table of measured spots, drawn over the curves, with the columns of calibration.spots", sweep=False
-        ),
+        FileName("CSV table of measured spots to draw over the curves; same columns as calibration.spots", sweep=False),
     ] = None
     detectors: Annotated[Detectors | None, Field(description="Detectors; modes: curves and detectors only")] = None
     mount_errors: Annotated[MountErrors | None, Field(description="Mount errors")] = None
@@ -540,7 +553,7 @@ class MisalignmentStudy(Study):
         Statistics | None, Field(description="Statistics over the draws; mode: mount_errors only")
     ] = None
     calibration: Annotated[
-        Calibration | None, Field(description="Estimated errors and their spots; mode: calibration only")
+        Calibration | None, Field(description="Spots and settings of the calibration; mode: calibration only")
     ] = None
 
     @model_validator(mode="before")
@@ -551,11 +564,11 @@ class MisalignmentStudy(Study):
         return given
 
     def reserved_names(self) -> frozenset[str]:
-        """Return the names of variables and coordinates, which layout columns must not use."""
+        """Return the names of variables and coordinates that layout columns must not use."""
         return RESERVED
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the study defines heliostats, a sun and the blocks that its mode needs, and no other blocks."""
+        """Check that the study defines heliostats, the sun and the blocks of its mode, but no blocks of other modes."""
         yield from self.output.without_series()
         yield from when(*self._sun_rules(), *self._time_rules(), *self._mode_rules(), *self._error_rules())
 
@@ -598,14 +611,14 @@ class MisalignmentStudy(Study):
         axes: dict[str, Any] = {key: sweep.items() for key, sweep in sweeps.items() if sweep is not None}
         axes = {"dates": time.date_list()} if isinstance(time, CivilTime) else axes
         days = min((len(values) for key, values in axes.items() if key != "hours"), default=0)
-        most = f"must be at most {days}, the number of days of 'time' (got {used:g})"
-        one = "cannot be used in this mode, because one sun cannot distinguish the errors: give 'time'"
+        most = f"must be at most {days}, the number of days in 'time' (got {used:g})"
+        one = "cannot be used in this mode, because a single sun position cannot distinguish the errors: give 'time'"
         return (
             (self.mode == "calibration" and self.sun is not None, fault(one, ("sun",))),
             (axes and used > days, fault(most, ("calibration", "days_used"))),
             *(
                 (any(later <= earlier for earlier, later in itertools.pairwise(values)),
-                 fault("must rise", ("time", key)))
+                 fault("must increase", ("time", key)))
                 for key, values in axes.items()
             ),
         )  # fmt: skip
@@ -621,7 +634,7 @@ class MisalignmentStudy(Study):
                 for block, modes in BLOCKS_OF_MODES.items()
             ),
             (mode in TRUTH and not given,
-             fault(f"'mount_errors' is missing: {TRUTH.get(mode)}, such as {names}, in mrad")),
+             fault(f"'mount_errors' is missing: give {TRUTH.get(mode)}, such as {names}, in mrad")),
             (mode == "detectors" and not self.detectors,
              fault("'detectors' is missing: give {arrays, ...} with the positions of the detectors")),
             (mode == "curves" and self.error is None,
@@ -631,7 +644,7 @@ class MisalignmentStudy(Study):
         )  # fmt: skip
 
     def _error_rules(self) -> Iterable[Rule]:
-        """Return the rules for keys that have no effect, such as the number of draws if no error is drawn."""
+        """Return the rules that reject keys without an effect, such as the seed if no error is drawn."""
         mode, mount = self.mode, self.mount
         errors = self.mount_errors or MountErrors()
         idle = mode in ("curves", "mount_errors") and errors.model_fields_set & set(ERRORS) and not errors.drawn()
@@ -677,7 +690,7 @@ class MisalignmentStudy(Study):
         return len(layout), tuple(map(str, layout.columns[names[0]])) if names else ()
 
     def table_of_spots(self) -> tuple[str, tuple[str, ...]] | None:
-        """Return the key and file names of measured spots or crossings, or None if the study has none."""
+        """Return the study key and the file names of measured spots or crossings, or None if there are none."""
         given = {
             "calibration.spots": self.calibration and self.calibration.spots,
             "detectors.crossings": self.detectors and self.detectors.crossings,
@@ -686,7 +699,7 @@ class MisalignmentStudy(Study):
         return next(((key, ends(name)) for key, name in given.items() if name), None)
 
     def campaigns(self) -> dict[str, MeasuredSpots]:
-        """Return the measured spots or crossings of each file, with sun vectors, by file name. Raises StudyError."""
+        """Return the measured spots or crossings, with sun vectors, by file name. Raises StudyError."""
         key, names = self.table_of_spots() or ("", ())
         if not names:  # a study without measured spots may sweep its layouts
             return {}
@@ -700,10 +713,10 @@ class MisalignmentStudy(Study):
         more = *self.heliostat_names(), place, crossings, block.timezone or "", columns
         found = {PurePath(name).name: read_spots(self.resolve(name), *more) for name in names}
         if len(found) < len(names):
-            message = "files have the same name, but names are the labels of campaigns: rename one of them"
+            message = "files have the same name, but file names label the campaigns: rename one of the files"
             raise StudyError(self.problem(key, message))
         if any(measured.timed for measured in found.values()):
-            message = "is missing, and is needed to compute the sun at the times of the spots: give it"
+            message = "is missing, but is needed to compute the sun at the times of the spots: give the longitude"
             raise StudyError(self.problem("site.longitude", f"{message}, or give sun vectors"))
         return found
 
@@ -715,7 +728,7 @@ def _sun(study: MisalignmentStudy) -> Iterable[Problem | str]:
 
 
 def _distances(study: MisalignmentStudy) -> Iterator[Problem | str]:
-    """Check that each pivot is farther from the aim point than its mirror is from the pivot."""
+    """Check that the mirror offsets are smaller than the distance of each pivot from the aim point."""
     layouts = [Places(*np.array(study.heliostats.positions or np.empty((0, 3))).T)]
     if study.layout is not None:
         yield from Layouts(study).remarks()
