@@ -284,8 +284,8 @@ def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64],
         )
     if len(file) * file.hours > 8000 and 0 < (most := float(file.dni.max())) < 300.0:
         yield (
-            f"{name}: the DNI never exceeds {most:,.0f} W/m2: check that it is not the horizontal irradiance or "
-            "in another unit"
+            f"{name}: the DNI never exceeds {most:,.0f} W/m2: check that the column does not contain "
+            "horizontal irradiance, and that its unit is correct"
         )
     high = sun[: len(file), 2] > 0.2  # a lower sun may belong to an interval with sunrise or sunset
     rows = high & (file.dni > 0) & (file.ghi > 20) & np.isfinite(file.dhi)

@@ -4,12 +4,17 @@
 normal n. The mirror has two axes: the elevation axis e, which is horizontal if the primary axis z is vertical and has
 no errors, and the axis b = e x n up the slope. An error eps rotates the normal about the axis a:
 
-    n(eps) = Rot(a, eps) n,   a = e (elevation: + raises n), -b (azimuth), -z (encoder azimuth): + rotates n
-                              clockwise seen from the end of the primary axis
+    n(eps) = Rot(a, eps) n
+
+where a is e for elevation errors, -b for azimuth errors and -z for encoder azimuth errors. A positive elevation error
+raises the normal. A positive azimuth or encoder azimuth error rotates the normal clockwise, seen from the end of the
+primary axis.
 
 The mirror centre is fixed or moves, depending on the source of the error:
 
-    canting: P is fixed;   encoder: P(eps) = C + Rot(a, eps) (P - C);   tilt: P(eps) = B + Rot(a, eps) (P - B)
+    canting: P is fixed
+    encoder: P(eps) = C + Rot(a, eps) (P - C)
+    tilt:    P(eps) = B + Rot(a, eps) (P - B)
 
 where C is the pivot and B the base of the pedestal. A vector v that rotates about a becomes v0 + v1 cos eps + v2 sin
 eps with v0 = a (a.v), v1 = v - v0, v2 = a x v. The reflected ray is R = 2 (S.n) n - S; for an axis a in the mirror,
@@ -26,8 +31,8 @@ inside the aperture. The sum of g for the first two edges is 2 w W, which implie
 minimum magnitude of all positive and negative roots of the four functions g, and no scan of errors is needed. The
 mirror must be lit at this root, S.n > 0.
 
-If the mirror centre is fixed and the axis a is in the mirror, R(eps) = Rot(a, 2 eps) R(0). As g is linear in R, g = c0
-+ c1 cos 2 eps + c2 sin 2 eps, with the roots
+If the mirror centre is fixed and the axis a is in the mirror, R(eps) = Rot(a, 2 eps) R(0). Because g is linear in R,
+g = c0 + c1 cos 2 eps + c2 sin 2 eps. The roots of g are
 
     cot eps = (-c2 +- sqrt(c2^2 - (c0 - c1) (c0 + c1))) / (c0 + c1)
 

@@ -9,7 +9,7 @@ on axis, and a target as a rectangle. `Plant.notes` lists the differences.
 
 A file ``*calibration-properties*.json`` contains one measured spot, with the positions of both motors, the sun
 position, the target and the centre of the spot. The heliostat is identified by the file name
-(``AA39-calibration-properties_1.json``), otherwise by the folder of the file or the parent folder. If the
+(``AA39-calibration-properties_1.json``), otherwise by the name of its folder or of the parent folder. If the
 folder contains only one heliostat, all spots belong to this heliostat.
 
 The first axis of a PAINT mount is horizontal and points east. The second axis is mounted on the first. The mirror faces

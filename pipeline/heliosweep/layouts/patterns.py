@@ -416,7 +416,7 @@ def rows(
     return _cut("rows", places, reach, inner_radius, heliostats, region)
 
 
-#: Generators, by their key in the block ``layout``.
+#: Generators for each key of the block ``layout``.
 PATTERNS: Mapping[str, Callable[..., Layout]] = {"radial_stagger": radial_stagger, "spiral": spiral, "rows": rows}
 
 
