@@ -30,7 +30,7 @@ def test_table(load_study) -> None:
         ),
         ("name,latitude,name\na,3,b\n", "sites.csv:1:15: has two columns 'name'; remove one"),
         ("name,height\na,3\n", "sites.csv:1: needs a column latitude: Geographic latitude, positive north [deg]"),
-        ("name,latitude\n", "sites.csv: has a header but no sites: give one row for each"),
+        ("name,latitude\n", "sites.csv: has a header but no sites: add one row for each"),
         ("name,latitude\na,3\nb,4\n\na,5\n", "sites.csv:5: name: another site has this name (got 'a')"),
     ],
 )

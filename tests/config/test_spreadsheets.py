@@ -77,7 +77,10 @@ def test_weather_and_spots_of_a_spreadsheet(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("heliostat,time,y,z\n0,05/06/2024 9:30,0,0\n", "spots.csv:2:3: time must be .* give the order in the title"),
+        (
+            "heliostat,time,y,z\n0,05/06/2024 9:30,0,0\n",
+            "spots.csv:2:3: time must be .* specify the order in the column title",
+        ),
         (
             "heliostat,time (DD/MM/YYYY hh:mm Z),y,z\n0,06/21/2024 9:30,0,0\n",
             "spots.csv:2:3: time must be an ISO 8601 time",

@@ -274,7 +274,7 @@ def test_missing_values_are_one_message_with_their_number():
         "a.csv:2:24: dni must be between 0 and 1412 W/m2; fill missing values (got '-999'), and also in 547 more rows"
     )
     assert caught.value.count == 1
-    with pytest.raises(StudyError, match="dni is -9, a missing value: fill it"):
+    with pytest.raises(StudyError, match="dni is -9, which marks a missing value: fill in the value"):
         read_of(table("#Solargis\n#Time zone: UTC+1\nDate;Time;DNI", lambda t, d: f"{t:%d.%m.%Y};{t:%H:30};-9", 48))
 
 
@@ -292,12 +292,12 @@ def test_both_clock_changes():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("time,ghi,dni\n01/02/2024 08:00,1,1\n01/02/2024 09:00,1,1\n", "a.csv:2:1: time must be .* give the order"),
+        ("time,ghi,dni\n01/02/2024 08:00,1,1\n01/02/2024 09:00,1,1\n", "a.csv:2:1: time must be .* specify the order"),
         ("time,Gb(i)\n20240101:0010,1\n20240101:0110,1\n", "a.csv:1: needs a column dni"),
-        ("Radiation database: PVGIS-SARAH\ntime,Gb(i)\n20240101:0010,1\n", "has no DNI: PVGIS gives it as Gb"),
+        ("Radiation database: PVGIS-SARAH\ntime,Gb(i)\n20240101:0010,1\n", "has no DNI: PVGIS provides the DNI as Gb"),
         ("hour,dni\n1,1\n2,1\n", "needs a column time, or date and time, or year, month, day and hour"),
         ("# Time reference: True solar time (TST)\ntime,dni\n2024-01-01,1\n", "true solar time: download the file in"),
-        ('{"a": 1}', "is not a JSON file of PVGIS or NASA POWER"),
+        ('{"a": 1}', "is not a PVGIS or NASA POWER JSON file"),
     ],
 )
 def test_refused(text, said):

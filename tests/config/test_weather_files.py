@@ -134,7 +134,7 @@ def put(number: int, text: str) -> Callable[[list[str]], None]:
         (put(9, "01/01/1021,07:00,1,1"), "a.csv:9:12: time must be in the years 1700 to 2200"),
         (put(2, LINES[1].replace("DNI", "GHI")), "a.csv:2: needs a column dni: direct normal"),
         (put(1, LINES[0].replace("37.0", "north")), "a.csv:1: field 5, the latitude, must be between -90 and 90"),
-        (lambda lines: lines.__delitem__(slice(2, None)), "a.csv: has a header but no hours: give one row for each"),
+        (lambda lines: lines.__delitem__(slice(2, None)), "a.csv: has a header but no hours: add one row for each"),
         (lambda lines: lines.__delitem__(slice(3, None)), "a.csv: needs at least two rows"),
     ],
 )  # fmt: skip
@@ -157,9 +157,9 @@ def test_what_is_wrong_is_located(change, said):
         (weather.epw(MEANS).replace("2021,1,1,3,60", "2021,1,1,30,60"), "a.csv:11:10: hour must be between 0 and 24"),
         (weather.epw(MEANS)[:-100] + "\n", "a.csv:8767: has 28 fields, but the header has 35"),
         ("time,wind_speed\n", "a.csv:1: needs a column dni: direct normal irradiance, in W/m2"),
-        (weather.plain(MEANS, 0), "a.csv: does not define the meaning of its times: give weather.label"),
-        (weather.plain(MEANS, 0, ""), "a.csv:2:1: time needs an offset from universal time, such as 2021-06-21"),
-        ("time,dni\n2021-06-21T12:00Z,5\n2021-06-21T18:00Z,5\n", "a.csv: does not define the meaning of its times"),
+        (weather.plain(MEANS, 0), "a.csv: does not define which part of an interval its times mark: set weather.label"),
+        (weather.plain(MEANS, 0, ""), "a.csv:2:1: time needs an offset from universal time, as in 2021-06-21"),
+        ("time,dni\n2021-06-21T12:00Z,5\n2021-06-21T18:00Z,5\n", "a.csv: does not define which part of an interval"),
     ],
 )  # fmt: skip
 def test_no_weather_file(text, said):

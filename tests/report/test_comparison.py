@@ -80,7 +80,7 @@ def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
     ("text", "expected"),
     [
         ("", ["table.csv: is empty: it needs a header and numbers"]),
-        (HEADER, ["table.csv: has a header but no published numbers: give one row for each"]),
+        (HEADER, ["table.csv: has a header but no published numbers: add one row for each"]),
         ("latitude,quantity\n0,a\n", [
             "table.csv:1: needs a column published: the number as it was printed",
             "table.csv:1: needs a column unit: its unit, such as 1, percent, deg or m",

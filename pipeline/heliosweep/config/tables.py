@@ -1,8 +1,8 @@
-"""Read the columns of a study's CSV tables as arrays, and report problems with line and column.
+"""Read the columns of CSV tables as arrays, and report problems with line and column numbers.
 
 A table is a text file in UTF-8 or, with a byte-order mark, in UTF-16. The first row is a header. Cells are separated by
-commas, semicolons or tabs. With semicolons or tabs, numbers may have decimal commas. Empty lines and comments are
-skipped. Ambiguous numbers and dates are rejected. Columns are declared as in this example::
+commas, semicolons or tabs. If the separator is not a comma, numbers may have decimal commas. Empty lines and comments
+are skipped. Ambiguous numbers and dates are rejected. Columns are declared as in this example::
 
     COLUMNS = {"angle": Column("angle from the disc centre, in mrad", required=True), ...}
     table = read_table(path, name, COLUMNS, rows="angles")
@@ -40,20 +40,20 @@ _CELL = re.compile(
 
 
 def separator_of(header: str) -> str:
-    """Return the separator used in a header: a comma, otherwise a semicolon, otherwise a tab."""
+    """Return the first separator of comma, semicolon and tab that occurs in a header (default: comma)."""
     outside = re.sub(r'"[^"]*"|\([^)]*\)|\[[^\]]*\]', "", header)
     return next((mark for mark in (",", ";", "\t") if mark in outside), ",")
 
 
 def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[list[str]], tuple[int, str] | None]:
-    """Replace decimal commas in numbers by points, and return a problem if numbers are ambiguous.
+    """Replace decimal commas with decimal points, and return a problem if numbers are ambiguous.
 
     Parameters
     ----------
     rows : sequence of list of str
-        Cells without the header.
+        Cells of each row, without the header.
     separator : str
-        Separator of the cells. With commas as separators, numbers cannot have decimal commas.
+        Cell separator. If it is a comma, numbers cannot have decimal commas.
 
     Returns
     -------
@@ -72,18 +72,18 @@ def with_points(rows: Sequence[list[str]], separator: str) -> tuple[Sequence[lis
         return rows, (point[0], f"has decimal points ({point[1]}) and decimal commas ({cell}): use one of them")
     if separator == "\t" and all(re.fullmatch(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}", text) for _, text in commas):
         both = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
-        return rows, (at, f"{cell} may be {both}; write numbers with a point")
+        return rows, (at, f"{cell} may be {both}; use decimal points")
     return [[text.replace(",", ".") if _COMMA.fullmatch(text.strip()) else text for text in row] for row in rows], None
 
 
 def split_title(title: str) -> tuple[str, str]:
-    """Split a title such as ``X Position (m)`` or ``x [m]`` into the name and the text in brackets."""
+    """Split a title such as ``X Position (m)`` or ``x [m]`` into a name and the text in brackets."""
     found = re.fullmatch(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]+\s*", title)
     return (found.group(1), found.group(2).strip()) if found else (title, "")
 
 
 def variable_name(title: str) -> str:
-    """Convert a title to the name of a variable, with lower-case letters, digits and underscores."""
+    """Convert a title to a variable name that consists of lower-case letters, digits and underscores."""
     plain = unicodedata.normalize("NFKD", title.lower()).encode("ascii", "ignore").decode() or title
     return re.sub(r"[^a-z0-9]+", "_", plain).strip("_")
 
@@ -101,8 +101,8 @@ def iso_dates(texts: Sequence[str], form: str = "") -> list[str]:
     Returns
     -------
     list of str
-        Times in the form ``2024-06-21T09:30``. The order of day and month follows from the title, from dots as in
-        ``21.06.2024``, or from a day after the 12th. Otherwise, dates are not changed.
+        Times in the form ``2024-06-21T09:30``. The order of day and month is determined from the title, from dots as in
+        ``21.06.2024``, or from a day greater than 12. If the order is unknown, the dates are not changed.
     """
     matches, offset = [_CELL.fullmatch(text.strip()) for text in texts], ""
     order = _order([match for match in matches if match])
@@ -142,13 +142,13 @@ def _iso(text: str, cell: re.Match[str], order: str, offset: str) -> str:
 
 
 def hint(text: str) -> str:
-    """Return the remedy for a date in ambiguous order, or an empty string for any other text."""
-    found, year = _CELL.fullmatch(text.strip()), "; give the year with four digits"
-    order = "; give the order in the title of the column, such as time (DD/MM/YYYY hh:mm)"
+    """Return the remedy for an ambiguous date, or an empty string for any other text."""
+    found, year = _CELL.fullmatch(text.strip()), "; write the year with four digits"
+    order = "; specify the order in the column title, such as time (DD/MM/YYYY hh:mm)"
     return "" if not found or len(found[1]) == 4 else order if len(found[4]) == 4 else year
 
 
-#: Maximum number of listed problems of a table; further problems are only counted.
+#: Maximum number of problems listed for a table. Further problems are only counted.
 MAX_LISTED = 20
 #: Row index of the header in problems.
 HEADER = -1
@@ -156,29 +156,29 @@ HEADER = -1
 
 @dataclass(frozen=True)
 class Column:
-    """Declaration of a table column that contains numbers, or cells to be converted by `read`.
+    """Declaration of a table column, which contains numbers or cells that `read` converts.
 
     Parameters
     ----------
     meaning : str
         Meaning of the column, with the unit.
     required : bool
-        True if every table must have the column.
+        True if every table must contain the column.
     least, most : float
         Bounds of numbers.
     bounds : str
-        Text of the bounds as the end of a sentence: ``between -1e6 and 1e6 m``.
+        Bounds in words, used at the end of a message: ``between -1e6 and 1e6 m``.
     read : callable, optional
-        Function that converts a cell that is not a number. The function raises a ValueError for an invalid cell, with
-        the end of a message.
+        Function that converts each cell of a column that does not contain numbers. For an invalid cell, the function
+        raises a ValueError whose text is the end of a message.
     dtype, missing : object
         Type of the array, and value that replaces invalid cells.
     names : tuple of str
-        Alternative names of the column in titles, in the form that `variable_name` returns.
+        Alternative titles of the column, in the form that `variable_name` returns.
     units : tuple of str
         Other units that are allowed in a title. `Table.units` contains the unit that the file uses.
     scale, offset : float
-        Factor applied to the numbers in the file, and offset added to the product.
+        Scale factor for the numbers in the file, and offset added to the scaled numbers.
     """
 
     meaning: str
@@ -203,14 +203,14 @@ class Table:
     name : str
         Name of the file in messages.
     lines : tuple of list
-        Numbers (counted from 1) and texts of the lines that are neither empty nor comments. The first line is the
-        header.
+        Line numbers (counted from 1) and texts of all lines that are neither empty nor comments. The first of these
+        lines is the header.
     rows, needs : str
         Words for messages: a noun for the rows, and the required contents of the file.
     most_rows : int, optional
         Maximum number of rows.
     separator : str, optional
-        Separator of the cells (default: the separator of the header).
+        Cell separator (default: the separator in the header).
     most_listed : int
         Maximum number of problems listed for each column or, if the maximum is 1, for each cause.
 
@@ -252,7 +252,7 @@ class Table:
         self.require(not problem, message, self._numbers[row + 1 : row + 2])
         self.header = [cell.strip() for cell in header]
         width = max((at for at, title in enumerate(self.header, 1) if title), default=0)
-        if not any(cell.strip() for row in self._rows for cell in row[width:]):  # empty cells at the ends of rows
+        if not any(cell.strip() for row in self._rows for cell in row[width:]):  # remove empty columns at the end
             self.header, self._rows = self.header[:width], [row[:width] for row in self._rows]
         self._kept = list(range(len(self._rows)))
 
@@ -265,7 +265,7 @@ class Table:
         return np.array([self._numbers[row + 1] for row in self._kept], np.int64)
 
     def check_header(self, columns: Mapping[str, Column], *, others: bool = False) -> None:
-        """Record problems with the titles. `columns` are the declared columns; `others` allows further columns."""
+        """Compare the titles with the declared `columns`, and record problems. `others` allows undeclared columns."""
         self._columns = columns
         self._rename_titles(columns)
         meant: set[str | None] = set()  # columns with misspelt titles are not recorded as missing
@@ -281,11 +281,11 @@ class Table:
                 self.add(f"needs a column {key}: {column.meaning}", HEADER)
 
     def unused(self) -> list[str]:
-        """Return the titles of the columns that are not declared."""
+        """Return the titles of the undeclared columns."""
         return [title or f"column {at}" for at, title in enumerate(self.header, 1) if title not in self._columns]
 
     def _rename_titles(self, columns: Mapping[str, Column]) -> None:
-        """Convert titles with capitals, blanks, synonyms or units (``X (m)``) to column names; record wrong units."""
+        """Convert titles with capitals, spaces, synonyms or units (``X (m)``) to column names; record wrong units."""
         named = {name: key for key, column in columns.items() for name in column.names}
         known = {key: key for key in columns} | named
         for position, title in enumerate(self.header):
@@ -295,7 +295,7 @@ class Table:
                 continue
             stated = re.findall(r"\bin ([^\s,;]+)|\[([^\[\]]+)\]$", columns[key].meaning)
             wanted = next((unit for found in reversed(stated) for unit in found if unit in UNITS), "")
-            # W/m^2, W m-2 and W/m² are W/m2
+            # convert W/m^2, W m-2 and W/m² to W/m2
             unit = re.sub(r"[\s^*.]", "", said if wanted and whole not in named else "").replace("\u00b2", "2")
             unit = unit.replace("m-2", "/m2").replace("//", "/")
             if unit in ("", wanted, *columns[key].units):
@@ -307,7 +307,7 @@ class Table:
     def check_rows(self) -> None:
         """Raise the problems found so far, then record and drop each row with more or fewer cells than the header."""
         if not self._rows:
-            self.add(f"has a header but no {self._what}: give one row for each")
+            self.add(f"has a header but no {self._what}: add one row for each")
         self.finish()
         width = len(self.header)
         for row, cells in enumerate(self._rows):
@@ -316,7 +316,7 @@ class Table:
         self._kept = [row for row, cells in enumerate(self._rows) if len(cells) == width]
 
     def texts(self, key: str) -> list[str]:
-        """Return the cells of a column as text without surrounding blanks."""
+        """Return the cells of a column as text without surrounding whitespace."""
         position = self.header.index(key)
         return [self._rows[row][position].strip() for row in self._kept]
 
@@ -348,14 +348,14 @@ class Table:
             self.add(f"{key} must be a finite number (got {text[:40]!r})" if text else f"{key} is empty", row, key)
 
     def add(self, message: str, row: int | None = None, column: str | int | None = None, key: str = "") -> None:
-        """Record a problem of the table, of a row, or of a cell.
+        """Record a problem with the table, a row or a cell.
 
-        `message` is the end of a sentence that begins with the position of the problem, and with `key` if given. `row`
-        is an index counted from 0, or `HEADER` for the header. `column` is the name or the index of a column.
+        `message` follows the position of the problem and, if given, `key`. `row` is an index counted from 0, or
+        `HEADER` for the header. `column` is the name or the index of a column.
         """
         cause = self.header[column] if isinstance(column, int) else column or key
         if self._most == 1:
-            cause = re.sub(r" \(got .*?\)|[\d,.]+", "", message)  # numbers are removed because they differ between rows
+            cause = re.sub(r" \(got .*?\)|[\d,.]+", "", message)  # remove numbers, because they differ between rows
         self._found[cause] += 1
         if self._found[cause] > self._most:
             return
@@ -369,7 +369,7 @@ class Table:
         self._problems.append((cause, Problem(message, key, self.name, line, place)))
 
     def finish(self) -> None:
-        """Raise a StudyError if there are problems. The error lists the first problems and counts further problems."""
+        """Raise a StudyError if there are problems. The error lists the first problems and counts the others."""
         if self._problems and self._most == 1:
             counts = [self._found[cause] - 1 for cause, _ in self._problems]
             more = (f", and also in {count:,} more rows" * (count > 0) for count in counts)
@@ -387,14 +387,14 @@ class Table:
         except csv.Error as error:
             message = f"is not CSV: {error}".replace("\t", "\\t")
         if len(rows) < len(self._texts) and (not message or reader.line_num >= len(self._texts)):
-            # An unterminated quoted cell includes the following lines, so the problem is reported at its first line.
+            # An unterminated quoted cell includes the following lines. The problem is reported at its first line.
             odd = [line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2]
-            self.require(not odd, "contains a quoted text that does not end on this line", odd)
+            self.require(not odd, "contains a quoted cell that does not end on this line", odd)
         self.require(not message, message, self._numbers[reader.line_num - 1 :])
         return rows
 
     def require(self, holds: object, message: str, lines: Sequence[int] = ()) -> None:
-        """Raise a StudyError at the first line of `lines` unless a condition is true, without further checks."""
+        """Raise a StudyError for the first of `lines` unless `holds` is true."""
         if not holds:
             raise StudyError(Problem(message, file=self.name, line=next(iter(lines), None)))
 
@@ -419,7 +419,7 @@ def read_table(
     path, name : Path, str
         Path of the file, and its name in messages.
     columns : mapping of str to Column
-        Declared columns. `others` allows further columns.
+        Declared columns. `others` allows undeclared columns.
     most_bytes : int, optional
         Maximum size of the file. [bytes]
     rows, most_rows, needs
@@ -427,8 +427,7 @@ def read_table(
     also : callable, optional
         Function that records further problems with the header.
     titles : mapping of str to str, optional
-        Titles that the file uses for declared columns, by column name. The declared names may be titles of other
-        columns.
+        Titles in the file, by name of the declared column. The titles of other columns may equal declared names.
 
     Raises
     ------
@@ -459,15 +458,15 @@ def table_lines(text: str) -> tuple[list[int], list[str]]:
 
 
 def numbers(texts: Sequence[str]) -> NDArray[np.float64]:
-    """Convert strings to numbers. Other strings become NaN, and numbers that overflow become infinite."""
+    """Convert strings to numbers. Non-numeric strings become NaN, and numbers that overflow become infinite."""
     form = re.compile(r"\s*[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\s*")
     return np.array([float(text) if form.fullmatch(text) else np.nan for text in texts], float)
 
 
 _COLUMNS = {
-    "angle": Column("from the sun's centre, in mrad, from 0", required=True, least=0, most=100,
+    "angle": Column("angle from the sun's centre, starting at 0, in mrad", required=True, least=0, most=100,
                     bounds="between 0 and 100 mrad"),
-    "brightness": Column("at the angle, in any unit", required=True, least=0, bounds="at least 0"),
+    "brightness": Column("brightness at the angle, in any unit", required=True, least=0, bounds="at least 0"),
 }  # fmt: skip
 
 
@@ -483,7 +482,7 @@ class SunProfile(NamedTuple):
         """Return a warning if the brightness increases with the angle, otherwise an empty string."""
         rises = np.count_nonzero(np.diff(self.brightness) > 0.0)
         steps = f"{rises} of {len(self.angle) - 1} steps from the centre to the edge"
-        return f"{name}: the brightness rises in {steps}: noise?" if rises else ""
+        return f"{name}: the brightness rises in {steps}, which may be noise" if rises else ""
 
 
 @read_once(4)
@@ -516,6 +515,6 @@ def read_profile(path: Path, name: str) -> SunProfile:
     if len(table) < 2:
         table.add("a sun profile needs at least 2 rows")
     elif brightness[0] == 0.0:
-        table.add("the brightness must be above 0 at the centre", 0)
+        table.add("the brightness at the centre must be greater than 0", 0)
     table.finish()
     return SunProfile(tuple((1e-3 * angle).tolist()), tuple(brightness.tolist()))

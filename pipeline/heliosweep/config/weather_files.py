@@ -1,9 +1,9 @@
-"""Weather files: mean direct normal irradiance (DNI) and wind speed over time intervals.
+"""Read mean direct normal irradiance (DNI) and wind speed over time intervals from weather files.
 
-The time of a row marks the start, middle or end of an interval, depending on the format. This module does not use
-pvlib's readers, because they do not report the line of an invalid row. The readers also reject hours 0 to 23, names
-with commas, and a row of units. In TMY3 files, pvlib's reader assigns the row for 24:00 on 28 February of a leap year
-to 1 March.
+The time of a row marks the start, middle or end of an interval, depending on the format. This module does not use the
+readers of pvlib, because they do not report the line of an invalid row. These readers also reject hours 0 to 23, names
+with commas, and a row of units. In TMY3 files, pvlib assigns the row for 24:00 on 28 February of a leap year to 1
+March.
 
 References
 ----------
@@ -72,7 +72,7 @@ COLUMNS = {
                "diffuse_horizontal_irradiance_dif_w_m2"),
     ),
     "wind_speed": Column(
-        "wind speed, in m/s", least=0, most=150,  # greater values mean missing data
+        "wind speed, in m/s", least=0, most=150,  # greater values indicate missing data
         names=("wspd", "ws", "ws10m", "windspeed", "wind_speed_m_s", "windspeed_m_s", "wind_speed_10m"),
     ),
     "temperature": Column(
@@ -92,7 +92,7 @@ COLUMNS = {
     "hour": Column("hour", False, 0, 24, "between 0 and 24", names=("hr", "hh")),
     "minute": Column("minute", False, 0, 60, "between 0 and 60", names=("min", "mm")),
 }  # fmt: skip
-#: Position of each site field in the first line of a file, by format.
+#: Index of each site field in the first line of a file, by format.
 _PLACES = {
     "EPW": {"latitude": 6, "longitude": 7, "time zone": 8, "altitude": 9},
     "TMY3": {"latitude": 4, "longitude": 5, "time zone": 3, "altitude": 6},
@@ -106,8 +106,8 @@ _SHIFT = re.compile(r"Irradiance Time Offset \(h\) *: *([-+]?[\d.]+)", re.IGNORE
 _COMMENT = re.compile(r"^[#\s]+")
 #: Description of the formats in messages.
 FORMATS = (
-    "EPW files begin with LOCATION, TMY3 and SolarAnywhere files with their station, and SAM CSV and PSM "
-    "files with titles such as Latitude; tables have a column dni (or DNI, Gb(n), BNI) and times"
+    "EPW files begin with LOCATION, TMY3 and SolarAnywhere files begin with the station, and SAM CSV and PSM files "
+    "begin with titles such as Latitude; tables contain times and a column dni (or DNI, Gb(n), BNI)"
 )
 
 
@@ -122,11 +122,11 @@ class Sheet:
     site : dict
         Name, latitude, longitude, altitude and time zone of the site, if the file contains them.
     numbers, texts : list
-        Line number and text of the header and of each row.
+        Line numbers and texts of the header and the rows.
     titles : list of str
-        Titles of the columns of a CSV file.
+        Column titles of a CSV file.
     separator : str
-        Separator of the cells.
+        Cell separator.
     mark : str
         Part of the interval that the time of a row marks; empty if unknown.
     shift : float, optional
@@ -183,7 +183,7 @@ def _read_json(sheet: Sheet, text: str) -> None:
             sheet.kind, zone = "NASA POWER", offset_text(round(east / 15) if local else 0)
             sheet.site = dict(zip(("latitude", "longitude", "altitude"), (north, east, *height[:1]), strict=False))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
-        problem = f"is not a JSON file of PVGIS or NASA POWER ({type(error).__name__}: {str(error)[:60]})"
+        problem = f"is not a PVGIS or NASA POWER JSON file ({type(error).__name__}: {str(error)[:60]})"
         raise StudyError(Problem(problem, file=sheet.name)) from None
     sheet.site |= {"name": sheet.kind, "timezone": zone}
     sheet.texts = [",".join(f'"{cell}"' for cell in row) for row in (header, *cells)]
@@ -198,7 +198,7 @@ def _read_lines(sheet: Sheet, lines: list[str]) -> None:
             sheet.kind, sheet.site = "EPW", _site("EPW", heads[0])
             first = next((at for at, line in enumerate(lines[:50], 1) if line.startswith("DATA PERIODS")), 8)
             if found := _SHIFT.search("\n".join(lines[:first])):
-                # PVGIS measures the offset from the hour after the time of the row.
+                # A negative offset is relative to the hour after the time of the row.
                 sheet.shift = float(found[1]) + (1.0 if float(found[1]) < 0 else 0.0)
             names = {0: "year", 1: "month", 2: "day", 3: "hour", 4: "minute", 6: "temperature", 13: "ghi", 14: "dni"}
             width = len(_fields("".join(lines[first : first + 1])))
@@ -250,7 +250,7 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
 
 
 def _header_row(lines: Sequence[str]) -> int | None:
-    """Return the index of the first line with titles for DNI and time, otherwise for one of these; None if absent."""
+    """Return the index of the first line with titles for DNI and time, or for only one of them; None if absent."""
     titles = [_fields(line, separator_of(line)) for line in (_COMMENT.sub("", line) for line in lines[:200])]
     keys = [_keys(row) if len(row) > 1 else set[str]() for row in titles]
     whole = (at for at, found in enumerate(keys) if "dni" in found and found & {"time", "date", "day", "hour"})
@@ -259,7 +259,7 @@ def _header_row(lines: Sequence[str]) -> int | None:
 
 
 def _stated_zone(sheet: Sheet, preamble: str, longitude: float) -> str:
-    """Return the offset from universal time that the service uses, or that a title or a comment specifies."""
+    """Return the UTC offset that the data service uses, or that a title or a comment in the file specifies."""
     if sheet.kind in ("PVGIS", "CAMS") or (sheet.kind == "NASA POWER" and "in UTC" in preamble):
         return "+00:00"
     if sheet.kind == "NASA POWER":  # local solar time
@@ -315,7 +315,7 @@ def _site(kind: str, fields: Sequence[str], titles: Sequence[str] = ()) -> dict[
 
 #: Year assumed for tables without a year.
 YEAR = 2021
-#: Time from the marked part of an interval to the middle, relative to the length of the interval. [1]
+#: Time from the marked part of an interval to its middle, as a fraction of the interval length. [1]
 _TO_MIDDLE = {"start": 0.5, "middle": 0.0, "end": -0.5}
 
 
@@ -328,7 +328,7 @@ class WeatherFile:
     name : str
         Name of the file in messages.
     latitude, longitude : float
-        Position of the site in the header; NaN if the header has no position. [deg]
+        Position of the site in the header; NaN if the header contains no position. [deg]
     hours : float
         Length of each interval. [h]
     utc : ndarray of datetime64, shape (T,)
@@ -430,7 +430,7 @@ def read_weather(
     table.check_header(COLUMNS, others=True)
     if table.header[:1] == [""] and not {"time", "date", "hour"} & {*table.header}:
         table.header[0] = "time"  # the index of a pandas table
-    tracked = "has no DNI: PVGIS gives it as Gb(n) in typical years, and as Gb(i) with components and two axes"
+    tracked = "has no DNI: PVGIS provides the DNI as Gb(n) in typical years, and as Gb(i) with components and two axes"
     table.require(sheet.kind != "PVGIS" or "dni" in table.header, tracked)
     table.check_rows()
     if {"time", "date"} & {*table.header}:
@@ -440,12 +440,12 @@ def read_weather(
         mark = _mark_of_hours(table, sheet, notes)
     shift, mark = offset if offset is not None or label else sheet.shift, label or mark
     if shift is None and not mark:
-        table.add("does not define the meaning of its times: give weather.label: start, middle or end of the interval")
+        table.add("does not define which part of an interval its times mark: set weather.label to start, middle or end")
     utc = _to_utc(table, sheet, walls, offsets, timezone)
     step = _step(table, sheet, walls, utc, timezone)
     dni, series = table.column("dni"), dict[str, Any]()
     for row in np.flatnonzero((dni == -9) & (sheet.kind == "Solargis")).tolist():
-        table.add("dni is -9, a missing value: fill it", row, "dni")
+        table.add("dni is -9, which marks a missing value: fill in the value", row, "dni")
     table.finish()
     shift = step / 60 * _TO_MIDDLE[mark] if shift is None else shift
     seconds = np.timedelta64(round(3600 * shift), "s")
@@ -475,7 +475,7 @@ def _notes(table: Table, sheet: Sheet, dni: NDArray[np.float64]) -> Iterator[str
 
 
 def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
-    """Return the part of the interval that the hours in a file mark, and add unusual conventions to `notes`."""
+    """Return the part of the interval marked by the hours in a file, and add a note on unusual conventions."""
     first, last = _hours(table)
     if "year" not in table.header:
         notes.append(f"has no year: read as {YEAR}")
@@ -488,7 +488,7 @@ def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
             return "start"
     elif sheet.kind == "SAM" and last == 24:
         notes.append(
-            "has hours 1 to 24 instead of 0 to 23: hour 24 is read as the end of the day; if this is wrong, give "
+            "has hours 1 to 24 instead of 0 to 23: hour 24 is read as the end of the day; if this is wrong, set "
             "weather.offset"
         )
     return sheet.mark
@@ -501,7 +501,7 @@ def _scale(table: Table, sheet: Sheet, key: str, step: float) -> float:
 
 
 def _read_times(table: Table, sheet: Sheet) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
-    """Return times on the clock of the file, and offsets of these times from universal time (NaN if unknown) [s]."""
+    """Return the times on the clock of the file, and their offsets from universal time [s] (NaN if unknown)."""
     key = "time" if "time" in table.header else "date"
     texts = _time_texts(table, sheet, key)
     form = "MM/DD/YYYY" if sheet.kind == "SolarAnywhere" else table.forms.get("date") or table.forms.get(key, "")
@@ -536,7 +536,7 @@ def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
 
 
 def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
-    """Return times on the clock of the file from columns of year, month, day, hour and minute."""
+    """Return the times on the clock of the file, read from the columns year, month, day, hour and minute."""
     missing = [key for key in ("day", "hour") if key not in table.header and "time" not in table.header]
     wanted = (
         f"needs a column time, or date and time, or year, month, day and hour (there is no {', '.join(missing[:1])})"
@@ -579,7 +579,7 @@ def _to_utc(
     bare = np.isnan(offsets)
     if zone is None and (rows := np.flatnonzero(bare).tolist()):
         key = next(key for key in ("time", "date", "hour") if key in table.header)
-        message = "needs an offset from universal time, such as 2021-06-21T12:00+01:00; or give weather.timezone"
+        message = "needs an offset from universal time, as in 2021-06-21T12:00+01:00: add it, or set weather.timezone"
         table.add(f"{key} {message}", rows[0], key)
     table.finish()
     utc = walls - np.where(bare, 0, offsets).astype(np.int64).astype("timedelta64[s]")
@@ -591,15 +591,15 @@ def _to_utc(
 def _step(
     table: Table, sheet: Sheet, walls: NDArray[np.datetime64], utc: NDArray[np.datetime64], zone: str | None
 ) -> float:
-    """Return the minutes between rows; record missing, repeated and unsorted rows.
+    """Return the number of minutes between rows, and record missing, repeated and unsorted rows.
 
     The rows are in chronological order, or form a typical year that combines months from different years.
     """
-    table.require(walls.size > 1, "needs at least two rows, to find the length of an interval")
+    table.require(walls.size > 1, "needs at least two rows to determine the length of an interval")
     real = np.diff(utc.astype(np.int64)) / 60
     step = float(np.median(real))
-    table.require(step >= 0, "has its last row first: sort the rows by time")
-    apart = f"has rows {step:g} minutes apart: give intervals of an hour, or of a fraction of an hour"
+    table.require(step >= 0, "has rows in reverse order: sort the rows by time")
+    apart = f"has rows {step:g} minutes apart: use intervals of an hour or of a fraction of an hour"
     table.require(0 < step <= 60 and 1440 % step == 0, apart)
     # Use the midpoints of intervals on a clock without summer time, because 28 February ends at 0:00 of the next day.
     walls = utc + (walls[0] - utc[0]) + np.timedelta64(round(60 * step * _TO_MIDDLE.get(sheet.mark, 0)), "s")

@@ -24,7 +24,7 @@ def test_profile_that_rises_is_used_with_a_warning(tmp_path):
     said = study(sun=sun, sun_profile="table").notes()
     assert len(said) == 1
     assert said[0].endswith(
-        "the brightness rises in 1 of 4 steps from the centre to the edge: noise? method A inverts the "
+        "the brightness rises in 1 of 4 steps from the centre to the edge, which may be noise; method A inverts the "
         "lowest decreasing curve above the profile"
     )
     before = study(sun=sun, sun_profile="table").study_id

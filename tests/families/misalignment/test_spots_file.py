@@ -136,8 +136,8 @@ def test_wrong_rows_and_headers(wrong, header, row, said):
         ("heliostat,time,y,z\n", "has a header but no spots"),
         (b"PK\x03\x04rest", "is a spreadsheet"),
         (b"heliostat,time\n\xff\xfe\n", "spots.csv:2: is not UTF-8"),
-        (f'heliostat,time,y,z\nA1,{TIME},0,"0\n0"\n', "spots.csv:2: contains a quoted text"),
-        (f'heliostat,time,y,z\n"A1,{TIME},0,0\n' + f"A1,{TIME},0,0\n" * 5, "spots.csv:2: contains a quoted text"),
+        (f'heliostat,time,y,z\nA1,{TIME},0,"0\n0"\n', "spots.csv:2: contains a quoted cell"),
+        (f'heliostat,time,y,z\n"A1,{TIME},0,0\n' + f"A1,{TIME},0,0\n" * 5, "spots.csv:2: contains a quoted cell"),
         (f'heliostat,time,y,z\nA1,{TIME},0,"0"1\n' + f"A1,{TIME},0,0\n" * 5, "spots.csv:2: is not CSV"),
     ],
 )

@@ -271,7 +271,7 @@ def _profile(study: BackwardGazingStudy) -> Found:
     if "table" not in ends(study.sun_profile):
         yield "sun.profile is not used, because sun_profile is not 'table'"
     if note := read_disc(study.resolve(name), name).note(name):
-        yield f"{note} method A inverts the lowest decreasing curve above the profile"
+        yield f"{note}; method A inverts the lowest decreasing curve above the profile"
 
 
 def _layout(study: BackwardGazingStudy) -> Found:
