@@ -219,7 +219,7 @@ def test_from_run_to_status_verify_compare_and_export(folder, capsys, caplog):
     assert len(set(lines)) == 1
     assert re.match(rf"{result.parent}  complete  [\d.]+ kB, finished 20", lines[0])
     assert main(["verify", str(result.parent)]) == 0
-    assert "all right" in capsys.readouterr().out
+    assert "intact" in capsys.readouterr().out
 
     path = study(folder, output={"compression": "zlib"})
     assert main(["run", path, "--no-report", "-q", "--output", "other"]) == 0
@@ -242,7 +242,7 @@ def test_from_run_to_status_verify_compare_and_export(folder, capsys, caplog):
         file.seek(-100, os.SEEK_END)
         file.write(b"\xff" * 8)
     assert main(["verify", str(result.parent), "third"]) == 1
-    assert "NOT all right" in capsys.readouterr().out
+    assert "NOT intact" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

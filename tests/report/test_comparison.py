@@ -82,8 +82,8 @@ def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
         ("", ["table.csv: is empty: it needs a header and numbers"]),
         (HEADER, ["table.csv: has a header but no published numbers: add one row for each"]),
         ("latitude,quantity\n0,a\n", [
-            "table.csv:1: needs a column published: the number as it was printed",
-            "table.csv:1: needs a column unit: its unit, such as 1, percent, deg or m",
+            "table.csv:1: needs a column published: published number, exactly as printed",
+            "table.csv:1: needs a column unit: unit of the published number, such as 1, percent, deg or m",
             "table.csv:1: needs a column tolerance: maximum difference at which a computed value agrees",
         ]),
         (HEADER.replace("tracking", "latitude") + ",,a,1,1,1\n",

@@ -197,7 +197,7 @@ def test_long_sweeps_are_cut_with_a_note_and_sorted(tmp_path):
     data.to_netcdf(tmp_path / "result.nc", engine="netcdf4")
     text = write_report(tmp_path).read_text(encoding="utf-8")
     page = Page(text)
-    assert "The first 100 of 200 rows" in page.text
+    assert "Only the first 100 of 200 rows are shown" in page.text
     table = text.partition("<tbody>")[2].partition("</tbody>")[0]
     assert table.count("<tr>") == 100
     assert "best first" in page.text

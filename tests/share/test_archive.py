@@ -163,7 +163,7 @@ def test_damaged_and_unfinished(result):
     content = bytearray(path.read_bytes())
     content[-100] ^= 1
     path.write_bytes(content)
-    with pytest.raises(HeliosweepError, match="NOT all right"):
+    with pytest.raises(HeliosweepError, match="NOT intact"):
         pack_result(result)
     path.unlink()
     with pytest.raises(HeliosweepError, match="must be finished and undamaged"):

@@ -55,7 +55,7 @@ def test_command(small, tmp_path, monkeypatch, capsys):
     assert main(["export", "out", "--variable", "optical_efficiency"]) == 2
     assert main(["export", "out", "--csv", "missing/all.csv", "--variable", "optical_efficiency"]) == 2
     said = capsys.readouterr().err
-    assert "choose from those over latitude, tracking" in said
+    assert "choose from the variables over latitude, tracking" in said
     assert "--output: specify a file, .csv or .xlsx" in said
     assert "its folder does not exist" in said
     assert {path.name for path in Path().iterdir()} == {"out", "r.csv"}

@@ -210,10 +210,10 @@ def test_flux_maps_begin_in_the_south_and_go_east(tmp_path):
 
 def test_flux_maps_that_are_none(small, tmp_path):
     with pytest.raises(
-        StudyError, match=r"output\.flux_map\.columns: must be even, because SAM's columns meet at south"
+        StudyError, match=r"output\.flux_map\.columns: must be even, because SAM's columns have edges at south"
     ):
         shares(flux(3))
-    with pytest.raises(StudyError, match="no light reaches the receiver for some directions"):
+    with pytest.raises(StudyError, match="no light reaches the receiver for some sun directions"):
         shares(flux(4) * 0)
     with pytest.raises(StudyError, match="unknown form 'generic'; use 'tower' for flux maps"):
         write_table(shares(flux(4)), tmp_path / "f.csv", "generic")

@@ -133,11 +133,11 @@ def test_damage_of_a_result_is_found_by_its_digest(small, tmp_path):
     content = bytearray(file.read_bytes())
     content[len(content) // 2] ^= 1
     file.write_bytes(content)
-    assert "not as written (SHA-256)" in str(verify(tmp_path / "out"))
+    assert "differs from the manifest (SHA-256)" in str(verify(tmp_path / "out"))
     assert not verify(tmp_path / "nothing").ok
     manifest = tmp_path / "out" / "manifest.json"
     manifest.write_text(manifest.read_text(encoding="utf-8").replace('"workers": ', '"workers": 1'), encoding="utf-8")
-    assert "manifest.json: is not as written" in str(verify(tmp_path / "out"))
+    assert "manifest.json: was changed after it was written" in str(verify(tmp_path / "out"))
     manifest.write_text("[[", encoding="utf-8")
     assert "manifest.json: is damaged" in str(verify(tmp_path / "out"))
 
@@ -153,7 +153,7 @@ def test_files_of_others_are_not_replaced(small, tmp_path):
     with pytest.raises(StudyError, match="is an input of the study"):
         check_contents(tmp_path, api.load(tmp_path / "study.resolved.yaml"), force=True)
     (tmp_path / "result.nc").mkdir()
-    with pytest.raises(StudyError, match="is a folder that is not a result"):
+    with pytest.raises(StudyError, match="is a folder, not a result file"):
         check_contents(tmp_path, study, force=True)
 
 

@@ -20,20 +20,20 @@ from heliosweep.report.figures import axis_label, number_text
 
 #: Name of the comparison file in a result folder.
 FILE = "comparison.csv"
-#: Maximum size of a table of published numbers in bytes, and maximum number of its rows.
+#: Maximum size [bytes] and maximum number of rows of a table of published numbers.
 MAX_BYTES, MAX_ROWS = 2 * 2**20, 10_000
-#: Tolerance for matching numeric labels, and relative rounding error allowed in a comparison with a tolerance.
+#: Tolerance for matching numeric labels, and relative allowance for rounding errors in tolerance checks.
 SAME, EDGE = 1e-9, 1e-12
 #: Possible verdicts in a table of published numbers.
 AGREES, DIFFERS = VERDICTS = ("agrees", "does not agree")
-#: Unit names in results and tables, with the corresponding names in `config.values`.
+#: Unit names in results and tables, mapped to the unit names in `config.values`.
 _HOUSE = {
     "percent": "%",
     **dict.fromkeys(("degree", "degrees", "degrees_north", "degrees_east"), "deg"),
     **dict.fromkeys(("day", "days"), "d"),
     **dict.fromkeys(("hour", "hours"), "h"),
 }
-#: Columns of a comparison that are not coordinates of the result. The last two columns are not stored.
+#: Columns of a comparison that are not coordinates of the result. The last two columns are not written to the file.
 STORED = (
     *("quantity", "published", "unit", "tolerance", "computed", "difference", "verdict", "claim", "reason"),
     *("stated_computed", "stated_verdict", "found", "agrees"),
@@ -41,8 +41,8 @@ STORED = (
 #: Columns of a table that are not coordinates of the result.
 _COLUMNS = {
     "quantity": Column("variable of the result", required=True),
-    "published": Column("the number as it was printed", required=True),
-    "unit": Column("its unit, such as 1, percent, deg or m", required=True),
+    "published": Column("published number, exactly as printed", required=True),
+    "unit": Column("unit of the published number, such as 1, percent, deg or m", required=True),
     "tolerance": Column(
         "maximum difference at which a computed value agrees", required=True, least=0, bounds="at least 0"
     ),
@@ -55,14 +55,15 @@ _COLUMNS = {
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Published numbers in the order of their table, and the computed values of the same quantities.
+    """Published numbers and the corresponding computed values, in table order.
 
     Parameters
     ----------
     values : pandas.DataFrame
-        One row for each published number, with text, except in `tolerance` and in the columns that `judged` adds. The
-        index contains the line numbers. The columns ``stated_computed`` and ``stated_verdict`` contain the value and
-        the verdict that the table states. Columns that `STORED` does not list are coordinates of the result.
+        Table with one row for each published number and the line numbers as index. All columns contain text, except
+        `tolerance` and the columns added by `judged`. The columns ``stated_computed`` and ``stated_verdict`` contain
+        the computed value and the verdict stated in the table. Columns that are not in `STORED` are coordinates of the
+        result.
     source : str
         Source of the published numbers.
     file : str
@@ -85,13 +86,13 @@ class Compared:
 
     @property
     def explained(self) -> bool:
-        """True if the table states a reason and the verdict for every value that does not agree."""
+        """True if the table gives a reason for each disagreement and never states agreement instead."""
         differ = self.values[~self.values["agrees"]]
         return bool((differ["reason"].ne("") & differ["stated_verdict"].isin(("", DIFFERS))).all())
 
     @property
     def summary(self) -> str:
-        """Line with the number of values that agree, and the maximum difference in each unit."""
+        """Summary line: number of values that agree, and largest difference in each unit."""
         differences = self.values["difference"].abs().replace(math.inf, math.nan)
         largest = [
             f"{most:.3f} percentage points" if unit == "percent" else f"{most:.3g} {unit}".removesuffix(" 1")
@@ -103,7 +104,7 @@ class Compared:
 
     @property
     def surprises(self) -> list[str]:
-        """Messages about values and verdicts that differ from the values and verdicts in the table."""
+        """Messages about computed values and verdicts that differ from the table."""
         lines = []
         for row in self.values.to_dict("records"):
             stated, verdict = row["stated_computed"], row["stated_verdict"]
@@ -115,7 +116,7 @@ class Compared:
         return lines
 
     def table(self, result: xr.Dataset) -> tables.Table:
-        """Return a table for readers with one row for each published number."""
+        """Return a formatted table with one row for each published number."""
         labels = {name: axis_label(result[name]) if name in result.coords else name for name in self.coordinates}
         heads = {"claim": "claim", "quantity": "quantity", **labels, "found": "computed"}
         heads |= {name: name for name in ("published", "difference", "tolerance", "unit", "reason", "verdict")}
@@ -129,19 +130,19 @@ class Compared:
             unit=self.values["unit"].replace("percent", "%"),
         )
         columns = tables.columns_of([*heads.values()], texts[[*heads]].to_numpy().tolist())
-        note = "Difference: computed minus published, in percentage points if the unit is %."
+        note = "The difference is the computed minus the published value, in percentage points if the unit is %."
         classes = [AGREES if agrees else "differs" for agrees in self.values["agrees"]]
         return tables.Table("Computed and published", columns, [note], classes=classes)
 
 
 def _decimals(text: str) -> int:
-    """Return the number of decimals in a number; negative if the last digit is not printed."""
+    """Return the number of decimals of a printed number, for example -2 for ``1.5e3``."""
     mantissa, _, exponent = text.lower().partition("e")
     return len(mantissa.partition(".")[2]) - int(exponent or 0)
 
 
 def judged(values: pd.DataFrame, computed: Iterable[float]) -> pd.DataFrame:
-    """Return published numbers with computed values, formatted values (`found`), differences and verdicts."""
+    """Add computed values, formatted values (`found`), differences and verdicts to published numbers."""
     values = values.assign(computed=np.array([*computed], dtype=float))
     published, tolerance = values["published"].astype(float), values["tolerance"]
     difference = values["computed"] - published
@@ -160,8 +161,9 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
     Parameters
     ----------
     path : pathlib.Path
-        Table with columns ``quantity``, ``published``, ``unit`` and ``tolerance`` (in the same unit), and optionally
-        ``claim``, ``reason``, ``computed`` and ``verdict``. Every other column is a coordinate of the result.
+        Table with the columns ``quantity``, ``published``, ``unit`` and ``tolerance`` (in the same unit). The columns
+        ``claim``, ``reason``, ``computed`` and ``verdict`` are optional. Every other column is a coordinate of the
+        result.
     source : str
         Source of the published numbers.
     name : str
@@ -195,19 +197,20 @@ def read_published(path: Path, source: str = "", name: str = "") -> Compared:
 
 
 def compare(result: xr.Dataset, table: Compared) -> Compared:
-    """Compare published numbers with a result. Raises StudyError as `locate` does."""
+    """Compare published numbers with a result. Raises the same errors as `locate`."""
     places = zip(table.values["quantity"], locate(result, table), strict=True)
     computed = (float(result[name].isel(point)) * scale for name, (point, scale) in places)
     return replace(table, values=judged(table.values, computed))
 
 
 def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], float]]:
-    """Return the position of each published number in a result, and the conversion factor to its unit.
+    """Return the position of each published number in a result, and its unit conversion factor.
 
     Raises
     ------
     StudyError
-        If a quantity or coordinate does not exist or is missing. The message lists every problem with its line number.
+        If a published number does not match exactly one value of the result, or if its unit is not compatible with the
+        unit of the result. The message lists every problem with its line number.
     """
     found, problems = [], []
     for line, row in zip(table.values.index.tolist(), table.values.to_dict("records"), strict=True):
@@ -265,7 +268,7 @@ def _labelled(result: xr.Dataset, array: xr.DataArray, name: str, text: str) -> 
 
 
 def value_label(value: Any, letters: int = 10) -> str:
-    """Return a label in the form of tables of published numbers, with dates limited to `letters` characters."""
+    """Format a coordinate value as a label. Dates are cut to `letters` characters."""
     if isinstance(value, np.datetime64):
         return str(value.astype("datetime64[s]"))[:letters]
     return f"{value:g}" if isinstance(value, np.number) else str(value)
@@ -276,14 +279,14 @@ def _hint(name: str, known: Iterable[Any]) -> str:
 
 
 def comparison_csv(compared: Compared) -> str:
-    """Return a comparison as the text of the file ``comparison.csv``, with all digits."""
+    """Return the content of ``comparison.csv``, with all digits of the computed values."""
     notes = "".join(f"# {line}\n" for line in compared.source.splitlines())
     values = compared.values[[*compared.coordinates, *STORED[:-2]]]
     return notes + values.to_csv(index=False, lineterminator="\n", na_rep="nan")
 
 
 def read_comparison(path: Path) -> Compared:
-    """Read a comparison from a file in the format of `comparison_csv`. Raises StudyError for other formats."""
+    """Read a comparison written by `comparison_csv`. Raises StudyError if the format is different."""
     lines = path.read_text(encoding="utf-8").splitlines()
     source = [line[1:].strip() for line in lines if line.startswith("#")]
     try:

@@ -69,13 +69,13 @@ from heliosweep.report.figures import (
 from heliosweep.report.tables import number_texts
 from heliosweep.store.folder import target_file
 
-#: Maximum number of lines in a panel, of panels in a figure, and of panels in a row.
+#: Maximum number of lines in a panel, panels in a figure, and panels in a row.
 MOST_LINES, MOST_PANELS, COLUMNS = 7, 6, 3
-#: Width of a figure with several panels, and width of a figure with one panel. [inch]
+#: Widths of figures with several panels and with one panel. [inch]
 WIDE, SINGLE = 7.2, 4.8
-#: Maximum number of points of a line with markers.
+#: Maximum number of points in a line that is drawn with markers.
 MARKED = 40
-#: Number of letters per inch in the title of a panel.
+#: Number of characters per inch in panel titles.
 TITLE_LETTERS = 15
 _AREAS: dict[str, dict[str, Any]] = {
     "boundary": {"facecolor": "none", "edgecolor": "#222222", "linewidth": 0.9, "linestyle": (0, (5, 2))},
@@ -90,11 +90,11 @@ class NamedFigure:
     Parameters
     ----------
     name : str
-        Name of the image file.
+        Name of the image file without suffix.
     caption : str
         Caption of the figure.
     figure : matplotlib.figure.Figure
-        Matplotlib figure, which may be changed before it is saved.
+        Matplotlib figure. It can be modified before it is saved.
     """
 
     name: str
@@ -113,7 +113,7 @@ class NamedFigure:
         Parameters
         ----------
         path : path
-            File to write. It appears under its name only when it is complete.
+            Output file, written atomically.
         force : bool
             If True, replace an existing file.
 
@@ -140,7 +140,7 @@ def draw(result: xr.Dataset, figures: Iterable[Figure], most: int = MOST_FIGURES
     Parameters
     ----------
     result : Dataset
-        Result, of which only the values that a figure shows are read.
+        Result. Only the values that a figure shows are read.
     figures : iterable of Figure
         Declarations of the figures.
     most : int
@@ -175,18 +175,19 @@ def _caption(figure: Figure, *more: str) -> str:
 def panels(
     count: int, columns: int, height: float, *, wide: bool = False, **options: Any
 ) -> tuple[Drawing, list[Axes]]:
-    """Return a figure with `count` panels in rows, and the axes of the panels in reading order.
+    """Return a figure with `count` panels, and the axes of the panels row by row.
 
     Parameters
     ----------
     count, columns : int
-        Number of panels, and number of panels in a row.
+        Number of panels, and maximum number of panels in a row.
     height : float
-        Ratio of height to width of a panel.
+        Height of a panel divided by its width.
     wide : bool
-        If True, a single panel has the width of a page.
+        If True, a figure with one panel is as wide as the page.
     **options
-        Options of `matplotlib.figure.Figure.subplots`, and `layout`, the layout engine of the figure.
+        Options of `matplotlib.figure.Figure.subplots`. The additional option `layout` is the layout engine of the
+        figure.
     """
     columns = min(columns, count)
     rows = -(-count // columns)
@@ -197,12 +198,12 @@ def panels(
     for axes in grid[count:]:
         axes.remove()
     for axes in grid[:count]:
-        axes.spines[:].set_in_layout(False)  # spines lie within the panel, and their size is slow to compute
+        axes.spines[:].set_in_layout(False)  # spines lie within the panel, and computing their extent is slow
     return drawing, list(grid[:count])
 
 
 def abreast(count: int, most: int = COLUMNS) -> int:
-    """Return the number of panels in a row, chosen so that all rows have nearly equal lengths."""
+    """Return the number of panels per row that gives rows of nearly equal length."""
     return -(-count // -(-count // most)) if count else 1
 
 
@@ -216,7 +217,7 @@ def legend(drawing: Drawing, entries: Mapping[str, Any], title: str = "") -> Non
 
 
 def label_outside(grid: Sequence[Axes], columns: int) -> None:
-    """Remove all axis labels except at the left of each row and at the bottom of each column."""
+    """Remove the inner axis labels from a grid of panels."""
     for index, axes in enumerate(grid):
         last, first = index + columns >= len(grid), index % columns == 0
         axes.set(**{} if last else {"xlabel": ""}, **{} if first else {"ylabel": ""})
@@ -224,7 +225,7 @@ def label_outside(grid: Sequence[Axes], columns: int) -> None:
 
 
 def set_ticks(axis: Axis, context: Context, dim: str, most: int = 6) -> None:
-    """Set the scale and the ticks of an axis for the values along a dimension."""
+    """Set the scale and ticks of an axis that represents a dimension."""
     coordinate, (values, words) = context.coordinate(dim), context.along(dim)
     if words:
         step = -(-len(words) // 24)
@@ -322,7 +323,7 @@ def _lines(
 
 
 def _varies(array: xr.DataArray, axis: str) -> bool:
-    """Return False if an array is nearly constant along an axis. Large arrays are not checked."""
+    """Return False if an array is nearly constant along an axis. Large arrays are assumed to vary."""
     if array.size > 200_000 or array.dtype.kind == "M":
         return True
     values = np.ma.masked_invalid(np.moveaxis(array.to_numpy(), array.dims.index(axis), 0))
@@ -337,7 +338,7 @@ def _band(result: xr.Dataset, figure: Curves, name: str) -> Sequence[str]:
 
 
 def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], ordered: bool) -> dict[str, dict[str, Any]]:
-    """Return colours, dashes and markers of lines. The colours of ordered lines range from dark to light."""
+    """Return the colour, dash and marker of each line. Colours of ordered lines range from dark to light."""
     scale = colormaps[VALUES](np.linspace(0.0, 0.85, len(names)))
     colours, dashes = scale if ordered and len(names) > 2 else COLOURS, ("-",) if ordered else DASHES
     return {
@@ -351,7 +352,7 @@ def _looks(names: Sequence[str], special: Mapping[str, Mapping[str, Any]], order
 def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], colour: Any, joined: bool) -> None:
     """Draw a band along a line, or error bars at points.
 
-    `sides` contains the lower and upper ends of the band, or half of its width. If `sides` is empty, no band is drawn.
+    `sides` contains the lower and upper limits of the band, or its half-width. If `sides` is empty, no band is drawn.
     """
     low, high = sides if len(sides) == 2 else (y - sides[0], y + sides[0]) if sides else (y, y)
     if sides and joined:
@@ -361,7 +362,7 @@ def _draw_band(axes: Axes, x: Any, y: np.ndarray, sides: Sequence[np.ndarray], c
 
 
 def _scale(axes: Axes, array: xr.DataArray, logarithmic: bool) -> None:
-    """Set a logarithmic scale of a vertical axis, or a linear scale with a range that exceeds rounding errors."""
+    """Set the scale of the vertical axis. The range of a linear scale always exceeds rounding errors."""
     low, high = axes.dataLim.y0, axes.dataLim.y1
     if array.dtype.kind == "M":
         _tick_dates(axes.yaxis)
@@ -376,10 +377,10 @@ def _scale(axes: Axes, array: xr.DataArray, logarithmic: bool) -> None:
 def shades(
     maps: Sequence[np.ndarray], palette: str = "", kinds: Mapping[int, tuple[str, str]] | None = None
 ) -> tuple[Normalize, Colormap, str]:
-    """Return the scale, the colours and the pointed ends of a colour bar for the values of maps.
+    """Return the norm, colour map and pointed ends of a colour bar for maps.
 
-    If the values have both signs, or if the palette is `DIFFERENCES`, the colours diverge from zero. The argument
-    `kinds` contains the meaning and colour of each value if the values are codes.
+    If the values have both signs, or if the palette is `DIFFERENCES`, the colours diverge from zero. If the values are
+    codes, `kinds` contains the meaning and colour of each code.
     """
     if kinds:
         codes = sorted(kinds)
@@ -430,14 +431,14 @@ def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterat
     legend(
         drawing, {word: patches.Patch(facecolor=colour, edgecolor="#666666") for word, colour in figure.kinds.values()}
     )
-    symbols = "Each square is a mirror, drawn with one side towards the tower (triangle); grey: no value."
+    symbols = "Each rectangle is a mirror facing the tower (triangle). Grey mirrors have no value."
     yield NamedFigure(figure.name, _caption(figure, symbols * isinstance(figure, Maps), note), drawing)
     if getattr(figure, "less", "") in {dim for _, point, _ in shown for dim in point}:
         yield from _coloured(*_differences(context, figure), over)
 
 
 def _shape(context: Context, figure: Coloured, over: Sequence[str]) -> tuple[float, bool]:
-    """Return the ratio of height to width of coloured panels, and True if both axes have equal scales."""
+    """Return the height-to-width ratio of coloured panels, and True if both axes have equal scales."""
     if isinstance(figure, Rasters) and len({unit_of(context.coordinate(dim)) for dim in over}) == 1:
         up, right = (np.ptp(context.along(dim)[0]) for dim in over)
         return float(np.clip(up / max(right, 1e-9), 0.3, 1.5)), True
@@ -448,7 +449,7 @@ def _panel(
     axes: Axes, context: Context, figure: Coloured, over: Sequence[str], array: xr.DataArray, place: Point,
     values: np.ndarray, look: Sequence[Any],
 ) -> None:  # fmt: skip
-    """Draw the mirrors of a field, or cells over two dimensions, the first of which is vertical."""
+    """Draw a map of mirrors, or a grid of cells whose first dimension is vertical."""
     if isinstance(figure, Maps):
         field_map(axes, context.result.isel(place, missing_dims="ignore"), values, *look[:2])
         axes.set(xlabel="east (m)", ylabel="north (m)")
@@ -472,7 +473,7 @@ def _title(context: Context, figure: Coloured, array: xr.DataArray, point: Point
     return f"{name}\n{context.fulls(point)}".strip()
 
 
-#: Tuple of panels (variable, point and values), fixed positions, number of columns, and sentence for the caption.
+#: Panels (variable, point and values), fixed indices, number of columns and caption sentences of a figure.
 Chosen: TypeAlias = tuple[list[tuple[str, Point, np.ndarray]], dict[str, int], int, str]
 
 
@@ -488,7 +489,7 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
     result, array, is_map = context.result, context.result[figure.variables[0]], isinstance(figure, Maps)
     dims = [str(dim) for dim in array.dims if dim not in over and array.sizes[dim] > 1]
     across, rest = preferred(result, dims, figure.panels), dims * (is_map or len(figure.variables) == 1)
-    rest = [dim for dim in rest if dim != across]  # there is no other dimension if the rows are variables
+    rest = [dim for dim in rest if dim != across]  # no dimension is left if the rows are variables
     down = preferred(result, rest, figure.lines)
     fixed, rows = context.fixed(array, *over, across, down), context.chosen(down, 3)
     places = context.chosen(across, (6, 4)[down is not None], None if is_map else at(array, fixed))
@@ -506,14 +507,17 @@ def _each_point(context: Context, figure: Coloured, over: Sequence[str]) -> Chos
 
 
 def _differences(context: Context, figure: Any) -> tuple[Context, Maps]:
-    """Return a result and a figure of the differences between the first and each other value along `figure.less`."""
+    """Return a result and a figure that shows differences along `figure.less`.
+
+    Each difference is the first value minus another value.
+    """
     dim, array = figure.less, context.result[figure.variables[0]]
     first, others = array.isel({dim: 0}, drop=True), array.isel({dim: slice(1, None)})
     unit, words = (
         unit_of(array).replace("%", "percentage points"),
         [context.value(dim, i) for i in range(array.sizes[dim])],
     )
-    second = words[1] if len(words) == 2 else "each other one"
+    second = words[1] if len(words) == 2 else "each other value"
     difference = (first - others).transpose(*array.dims)
     difference = difference.copy(data=printed(difference.assign_attrs(array.attrs)))
     attrs = {"units": unit, "long_name": f"{words[0]} minus {second}"}
@@ -532,15 +536,15 @@ def _values(context: Context, name: str, over: Sequence[str], *points: Point) ->
 
 
 def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize, colours: Colormap) -> None:
-    """Draw every mirror of a field as a square with one side towards the tower.
+    """Draw each mirror of a field as a rectangle that faces the tower.
 
     Parameters
     ----------
     axes : Axes
-        Axes of the map, which are set to equal scales.
+        Axes of the map. Their scales are set equal.
     here : Dataset
-        Result at one point, with coordinates ``x`` and ``y``. Mirrors of unknown size are drawn so that they do not
-        overlap.
+        Result at one point, with coordinates ``x`` and ``y``. If the mirror size is unknown, it is estimated from the
+        land area per mirror.
     values : ndarray, shape (n,)
         Values of the heliostats. Mirrors with NaN are grey.
     norm, colours
@@ -658,7 +662,10 @@ def _plane(
 
 
 def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, float] | None = None) -> None:
-    """Set equal axis limits about the origin that include the aperture and all but a few distant points."""
+    """Set square axis limits that include the origin and all but a few distant points.
+
+    The limits also include the aperture, unless all points are close together.
+    """
     points = np.concatenate([np.zeros((1, 2)), *tracks])
     corner = np.array(size or (0.0, 0.0)) / 2
     far = np.hypot(*points.T)
@@ -672,7 +679,7 @@ def frame_square(axes: Axes, tracks: Sequence[np.ndarray], size: tuple[float, fl
         axis.set_major_locator(ticker.MaxNLocator(4))
 
 
-#: Resolution of images [1/inch], and white margin around a figure [pixel].
+#: Image resolution [pixels per inch], and width of the white margin around a figure [pixel].
 DPI, RIM = 180, 8
 
 _lock = threading.RLock()  # threads share the style
@@ -682,7 +689,7 @@ _RC: Any = {
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8,
     "axes.titlesize": 7.5,
-    "axes.titley": 1.0,  # panels have no ticks at the top, so that titles need not move; saves 10 % of the time
+    "axes.titley": 1.0,  # panels have no top ticks, so a fixed title position is possible and saves 10 % of the time
     "axes.labelsize": 8,
     "axes.linewidth": 0.6,
     "axes.edgecolor": "#444444",
@@ -713,7 +720,7 @@ _RC: Any = {
 
 
 def pixels(figure: Drawing) -> Image.Image:
-    """Return a figure as a raster image without white margins."""
+    """Convert a figure to a raster image with a narrow white margin."""
     with _lock, matplotlib.rc_context(_RC):
         figure.set_dpi(DPI)
         canvas = FigureCanvasAgg(figure)
@@ -728,20 +735,20 @@ def pixels(figure: Drawing) -> Image.Image:
 def png(picture: Image.Image) -> bytes:
     """Return an image as the bytes of a PNG file."""
     buffer = io.BytesIO()
-    # compression level 4 takes half the time of level 6, and files are 2 % larger
+    # compression level 4 takes half the time of level 6 and gives files that are 2 % larger
     picture.save(buffer, "PNG", dpi=(DPI, DPI), compress_level=4)
     return buffer.getvalue()
 
 
 def image(figure: Drawing, kind: str = "png") -> bytes:
-    """Return a figure as the bytes of an image file. Equal figures give equal bytes.
+    """Convert a figure to the bytes of an image file. Equal figures give equal bytes.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
         Figure to convert.
     kind : {"png", "svg", "pdf"}
-        File format. Vector formats contain pixels only for maps with many small shapes.
+        File format. Maps and pictures are embedded in SVG and PDF files as raster images.
     """
     if kind == "png":
         return png(pixels(figure))

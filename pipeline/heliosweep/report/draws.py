@@ -26,26 +26,26 @@ from heliosweep.report.figures import (
 from heliosweep.report.tables import Table, columns_of, number_texts, numbers
 
 SAMPLE, PARAMETER = "sample", "parameter"
-#: Maximum number of dots in a figure, and maximum number of rows in a table.
+#: Maximum number of dots in a figure and of rows in a table.
 MOST_DOTS, MOST_ROWS = 4000, 60
-#: For each kind of sensitivity: title of the figure, names of the statistics, and a sentence for the table.
+#: Figure title, names of the statistics and table note for each sensitivity method.
 _KINDS: dict[str, tuple[str, dict[str, str], str]] = {
     "sobol": (
         "Fraction of the variance of the {} due to each key, with 95 % confidence intervals",
         {"first_order_index": "first-order index", "total_index": "total index"},
-        "Errors: half the widths of 95 % confidence intervals. If an interval is wider than 0.1, increase sample.size.",
+        "Errors are half-widths of 95 % confidence intervals. If an interval is wider than 0.1, increase sample.size.",
     ),
     "morris": (
         "Elementary effects of each key on the {}",
         {"effect_mean_magnitude": "mean magnitude", "effect_standard_deviation": "standard deviation",
          "effect_mean": "mean effect"},
-        "Change of the result as the key goes from its 12.5 % to its 87.5 % quantile.",
+        "Change in the result when the key increases from its 12.5 % quantile to its 87.5 % quantile.",
     ),
     "local": (
-        "Change of the {} if each key changes by one standard deviation",
+        "Change in the {} if each key changes by one standard deviation",
         {"change_down": "one standard deviation less", "change_up": "one standard deviation more"},
         (
-            "Change of the result if a key decreases or increases by one standard deviation; all other keys are at "
+            "Change in the result if a key decreases or increases by one standard deviation; all other keys are at "
             "their medians."
         ),
     ),
@@ -53,7 +53,11 @@ _KINDS: dict[str, tuple[str, dict[str, str], str]] = {
 
 
 def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figure]:
-    """Yield figures of the distribution, the sensitivities and the most important key of the first headline number."""
+    """Yield figures of random draws.
+
+    The figures show the first headline number (distribution, sensitivities, and draws over the most influential key)
+    and the sample means of all results.
+    """
     names, sensitivity = _names(result, headlines), _sensitivity_of(result)
     if not names:
         return
@@ -85,7 +89,7 @@ def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figur
 
 
 def tables(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Table]:
-    """Yield tables of the statistics of each result, the sensitivities of the first result, and the drawn keys."""
+    """Yield tables of result statistics, sensitivities of the first result, and drawn keys."""
     names, sensitivity = _names(result, headlines), _sensitivity_of(result)
     if not names:
         return
@@ -124,7 +128,7 @@ def _keys(result: xr.Dataset) -> list[xr.DataArray]:
 
 
 def _draws(result: xr.Dataset, name: str) -> xr.DataArray:
-    """Return the draws of a result in which all keys follow their distributions."""
+    """Return the draws of a result without the mixed samples of a Sobol design."""
     array = result[name]
     rows = result.sizes.get(PARAMETER, 0) + 2
     own = np.isin(np.arange(array.sizes[SAMPLE]) % rows, (0, rows - 1))
@@ -140,7 +144,10 @@ def _exceeded(name: str, result: xr.Dataset) -> xr.Dataset:
 
 
 def _leading_key(result: xr.Dataset, name: str) -> str:
-    """Return the coordinate of the key that has the highest rank correlation with a result at the first point."""
+    """Return the name of the key that has the highest rank correlation with a result.
+
+    The result is taken at the first point of all other dimensions.
+    """
     array = _draws(result, name).isel({dim: 0 for dim in result[name].dims if dim != SAMPLE}, drop=True)
     keys = [str(one.name) for one in _keys(result) if one.dtype.kind == "f" and np.ptp(one.to_numpy()) > 0]
     frame = array.to_dataset(name="result").reset_coords()[["result", *keys]].to_dataframe()
@@ -148,7 +155,7 @@ def _leading_key(result: xr.Dataset, name: str) -> str:
 
 
 def _sensitivities(name: str, result: xr.Dataset) -> xr.Dataset:
-    """Return the sensitivities of a result over ``statistic`` and the keys, in descending order of importance."""
+    """Return the sensitivities of a result to each key, most important key first."""
     sensitivity = _sensitivity_of(result)
     pure, kinds = sensitivity == "sobol", _KINDS[sensitivity][1]
     along = xr.IndexVariable("statistic", list(kinds.values()))
@@ -159,7 +166,7 @@ def _sensitivities(name: str, result: xr.Dataset) -> xr.Dataset:
         return xr.concat(arrays, along)
 
     values = joined("_index")
-    unit, words = unit_of(result[name]), f"change of the {title_of(result[name])}"
+    unit, words = unit_of(result[name]), f"change in the {title_of(result[name])}"
     unit, words = ("1", "fraction of the variance") if pure else (unit, words)
     data = {"sensitivity": values.assign_attrs(units=unit, long_name=words)}
     data |= {"sensitivity_error": joined("_interval")} if pure else {}

@@ -1,7 +1,7 @@
 """Declarations of figures. Each declaration specifies the form, the variables and the dimensions of a figure.
 
-A family lists declarations in its module ``figures``. `heliosweep.report.draw` draws the figures as
-images, and `heliosweep.report.interactive` as interactive plots. Variables that a result does not have are skipped.
+A family lists declarations in its module ``figures``. `heliosweep.report.draw` draws the figures as images, and
+`heliosweep.report.interactive` as interactive plots. Variables that are missing from a result are skipped.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from heliosweep.lazy import shapely
 
 DEGREE, MINUS, NO_BREAK_SPACE, NOTHING = "\N{DEGREE SIGN}", "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}", "\N{EN DASH}"
 
-#: Printed form of each unit in CF spelling.
+#: Printed form of each CF unit.
 _UNITS = {
     "1": "",
     "degree": DEGREE,
@@ -35,7 +35,7 @@ _UNITS = {
 }
 
 
-#: Maximum number of letters in a line of a label.
+#: Maximum number of characters in a line of a label.
 LETTERS = 38
 
 
@@ -54,7 +54,7 @@ def is_fraction(array: xr.DataArray) -> bool:
 
 
 def is_signed(low: float, high: float) -> bool:
-    """Return True if a range includes values of both signs, so that colours must diverge from zero."""
+    """Return True if a range extends well to both sides of zero, so its colours should diverge."""
     return min(-low, high) > 0.02 * max(-low, high)
 
 
@@ -80,7 +80,10 @@ def is_latitude(array: xr.DataArray) -> bool:
 
 
 def printed(array: xr.DataArray, of: xr.DataArray | None = None) -> Any:
-    """Return the values of an array in its printed unit, or standard errors in the printed unit of the array `of`."""
+    """Return the values of an array in its printed unit.
+
+    For standard errors, `of` is the array of the values, which determines the unit.
+    """
     values = array.to_numpy()
     return values * 100 if is_fraction(array if of is None else of) else values
 
@@ -91,7 +94,7 @@ def title_of(array: xr.DataArray) -> str:
 
 
 def capital(text: str) -> str:
-    """Return a string with a capital first letter."""
+    """Capitalise the first letter of a string."""
     return text[:1].upper() + text[1:]
 
 
@@ -101,7 +104,7 @@ def head_of(array: xr.DataArray) -> str:
 
 
 def axis_label(array: xr.DataArray) -> str:
-    """Return the label of an axis with the name and unit of an array."""
+    """Return an axis label with the name and unit of an array."""
     unit = unit_of(array)
     return f"{title_of(array)} ({unit})" if unit else title_of(array)
 
@@ -141,21 +144,21 @@ def number_text(value: float, decimals: int = 2, signed: bool = False) -> str:
 
 
 def fold(text: str, most: int = LETTERS) -> str:
-    """Break a label into lines of at most `most` letters."""
+    """Break a label into lines of at most `most` characters."""
     return "\n".join(part for line in text.split("\n") for part in textwrap.wrap(line, most))
 
 
-#: Position along each of several dimensions, by the name of the dimension.
+#: Index along each dimension, keyed by the name of the dimension.
 Point = Mapping[str, int]
 
 
 def evenly(length: int, most: int) -> list[int]:
-    """Return at most `most` of `length` positions, evenly spaced from the first to the last position."""
+    """Return at most `most` evenly spaced indices from 0 to ``length - 1``."""
     return sorted({round(place) for place in np.linspace(0, length - 1, min(length, most))})
 
 
 def is_geometric(values: np.ndarray) -> bool:
-    """Return True if positive numbers cover at least a decade with a constant ratio between neighbours."""
+    """Return True if the values are a geometric sequence over at least one decade."""
     if values.size < 3 or values.dtype.kind not in "fiu" or values.min() <= 0 or values.max() < 10 * values.min():
         return False
     ratios = np.diff(np.log(values))
@@ -163,12 +166,12 @@ def is_geometric(values: np.ndarray) -> bool:
 
 
 def at(array: xr.DataArray, *points: Point) -> xr.DataArray:
-    """Select positions along the dimensions of an array without reading its values. Ignores unknown dimensions."""
+    """Index an array by points without reading its values. Unknown dimensions are ignored."""
     return array.isel({dim: index for point in points for dim, index in point.items() if dim in array.dims})
 
 
 class Context:
-    """Result with the selected values of the dimensions that a figure does not show.
+    """Result with selected values along the dimensions that a figure does not show.
 
     Parameters
     ----------
@@ -183,25 +186,25 @@ class Context:
         self._words: dict[str, list[str]] = {}
 
     def coordinate(self, dim: str) -> xr.DataArray:
-        """Return the values along a dimension, or 1, 2, ... if it has no coordinate."""
+        """Return the coordinate of a dimension, or numbers from 1 if it has none."""
         if dim in self.result.coords and self.result[dim].ndim == 1:
             return self.result[dim]
         return xr.DataArray(np.arange(1, self.result.sizes[dim] + 1), dims=dim, name=dim)
 
     def order(self, dim: str) -> np.ndarray:
-        """Return the positions along a dimension in ascending order of the numbers or dates at these positions."""
+        """Return the indices that sort a dimension of numbers or dates. Text labels are not sorted."""
         values = self.coordinate(dim).to_numpy()
         return np.argsort(values, kind="stable") if values.dtype.kind in "fiuM" else np.arange(values.size)
 
     def along(self, dim: str) -> tuple[np.ndarray, list[str]]:
-        """Return the positions of sorted values of a dimension on an axis, and the labels of categories."""
+        """Return the axis positions of the sorted values of a dimension, and the labels of categories."""
         order = self.order(dim)
         if dim in self.result.coords and (values := self.coordinate(dim).to_numpy()).dtype.kind in "fiuM":
             return values[order], []
         return np.arange(order.size), [self.value(dim, int(i)) for i in order]
 
     def position(self, dim: str) -> int:
-        """Return the selected position along a dimension that a figure does not show."""
+        """Return the index of the selected value along a dimension that a figure does not show."""
         values, usual = self.coordinate(dim).to_numpy(), self.held.get(dim)
         if isinstance(usual, int | float) and values.dtype.kind in "fiu":
             return int(np.argmin(np.abs(values.astype(float) - usual)))
@@ -210,16 +213,16 @@ class Context:
         return int(self.order(dim)[(values.size - 1) // 2]) if values.dtype.kind in "fiuM" else 0
 
     def fixed(self, array: xr.DataArray, *shown: str | None) -> dict[str, int]:
-        """Return the selected positions along those dimensions of an array that a figure does not show."""
+        """Return the selected index along each dimension of an array that a figure does not show."""
         return {str(dim): self.position(str(dim)) for dim in array.dims if dim not in shown}
 
     def chosen(
         self, dim: str | None, most: int, known: xr.DataArray | None = None, worst: xr.DataArray | None = None
     ) -> list[dict[str, int]]:
-        """Return at most `most` positions along a dimension, or a single empty mapping if `dim` is None.
+        """Return at most `most` points along a dimension, or one empty point without a dimension.
 
-        Positions without a value in `known` are excluded. If `worst` is given, the positions of the highest values of
-        `worst` are chosen.
+        Points without a value in `known` are excluded. If `worst` is given, the points with its highest values are
+        returned.
         """
         if dim is None or dim not in self.result.sizes:
             return [{}]
@@ -239,13 +242,13 @@ class Context:
         return (title if len(title) <= 40 else dim).replace("_", " ")
 
     def label(self, dim: str) -> str:
-        """Return the label of an axis along a dimension."""
+        """Return the axis label of a dimension."""
         coordinate = self.coordinate(dim)
         text = axis_label(coordinate).split(":")[0] if dim in self.result.coords else dim.replace("_", " ")
         return text.removesuffix(f" ({unit_of(coordinate)})") if is_latitude(coordinate) else text
 
     def value(self, dim: str, index: int) -> str:
-        """Return one value along a dimension with its unit, or the name of a heliostat or module."""
+        """Format one value along a dimension with its unit, or as the name of a heliostat or module."""
         if dim not in self._words:
             coords = self.result.coords
             named = [coords[key] for key in ("name", "id") if key in coords and coords[key].dims == (dim,)]
@@ -266,15 +269,15 @@ class Context:
         return value if (speaks and not value[:1].isdigit()) or dim == "date" else f"{self.title(dim)} {value}"
 
     def values(self, point: Point) -> str:
-        """Return the values of the dimensions at a point as text, for example for the name of a line."""
+        """Return the coordinate values of a point as text, for example to label a line."""
         return ", ".join(self.value(dim, index) for dim, index in point.items())
 
     def fulls(self, point: Point) -> str:
-        """Return the names and values of the dimensions at a point as text, for example for the title of a panel."""
+        """Return the dimension names and values of a point as text, for example for a panel title."""
         return ", ".join(self.full(dim, index) for dim, index in point.items())
 
     def note(self, fixed: Point, *shown: Sequence[Point]) -> str:
-        """Return the sentences of a caption that state the selected values.
+        """Return caption sentences that list the shown and the fixed values.
 
         Each element of `shown` lists the points along one dimension that the figure shows.
         """
@@ -290,7 +293,7 @@ PACKING, SMALLEST = 0.55, 1 / 250
 
 
 def mirrors(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return x, y, width and height of the mirrors of a field, with small mirrors enlarged to be visible. [m]"""
+    """Return x, y, width and height of each mirror [m]. Small mirrors are enlarged to be visible."""
     x, y = (here[name].to_numpy().astype(float) for name in "xy")
     spans = [float(np.ptp(side[np.isfinite(side)])) if np.isfinite(side).any() else 1.0 for side in (x, y)]
     usual = max(PACKING * math.sqrt(spans[0] * spans[1] / max(int(np.isfinite(x).sum()), 1)), max(spans) / 60, 1.0)
@@ -300,7 +303,7 @@ def mirrors(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nd
 
 
 def areas(result: xr.Dataset) -> dict[str, list[np.ndarray]]:
-    """Return the corners of each named area of a field, as arrays of shape (corners, 2). [m]"""
+    """Return the boundary lines of each named area of a field, each of shape (corners, 2). [m]"""
     found, names = {}, {"boundary": "boundary", "exclude": "no heliostats"}
     for key, attribute in AREAS.items():
         if attribute in result.attrs:
@@ -319,35 +322,35 @@ def aperture(result: xr.Dataset, point: Point) -> tuple[float, float] | None:
 
 
 HELIOSTAT = "heliostat"
-#: Dimensions of pixels, with the rows first.
+#: Pixel dimensions: rows, then columns.
 PIXELS = ("z", "y")
-#: Minimum number of heliostats for a map of the field.
+#: Minimum number of heliostats for a field map.
 FIELD = 7
 #: Dimensions whose numbers are only labels. Lines do not join values along these dimensions.
 NAMES = (HELIOSTAT, "module", "camera", "sample", "spot", "parameter", "trace", "detector", "evaluation")
-#: Maximum number of figures of a result.
+#: Maximum number of figures for a result.
 MOST_FIGURES = 12
-#: Quantile over the field for each line of the statistic ``field``, by the name of the line.
+#: Quantile over the field for each line of the statistic ``field``, keyed by line name.
 STATISTICS = {"minimum": 0.0, "5 %": 0.05, "median": 0.5, "maximum": 1.0}
 
 
 @dataclass(frozen=True)
 class Figure:
-    """Base class of the declarations of figures.
+    """Base class of figure declarations.
 
     Parameters
     ----------
     name : str
-        Short name, also used as the name of the file.
+        Short name, also used as the file name.
     title : str
-        Heading of the interactive plot and first words of the caption.
+        Heading of the interactive plot and beginning of the caption.
     variables : sequence of str
         Variables in descending order of importance. Images show the variables that fit; interactive plots offer all
         variables.
     over : sequence of str
         Dimensions of the axes in order of preference (default: chosen from the variables).
     lines, panels : sequence of str
-        Dimensions of the lines and dimensions of the panels in order of preference.
+        Dimensions of the lines and of the panels, each in order of preference.
     at : mapping of str to object
         Values of dimensions that the figure does not show (default: the middle number or the first text label). A
         number selects the nearest value, and a sequence of strings selects the first label that exists.
@@ -357,7 +360,7 @@ class Figure:
     notes : str
         Additional sentences for the caption.
     looks : mapping of str to mapping
-        Matplotlib properties of each line, such as colour and dashes, by the name of the line.
+        Matplotlib properties of each line, such as colour and dashes, keyed by line name.
     derive : callable, optional
         Function that returns the given data set with additional variables.
     interactive, image : bool
@@ -386,15 +389,15 @@ class Curves(Figure):
     Parameters
     ----------
     bands : mapping of str to sequence of str
-        Names of the variables that contain the lower and upper end of each variable's band, or half of the width of the
-        band. Standard errors ``NAME_error`` need no entry.
+        For each variable with a band, names of the variables with its lower and upper limits, or name of the variable
+        with its half-width. Standard errors ``NAME_error`` need no entry.
     logarithmic : bool
-        If True, the axis of the values is logarithmic.
+        If True, the value axis is logarithmic.
     most : int
         Maximum number of panels.
     styled : bool
-        If True, `looks` defines all lines and markers, so that dots may be drawn over numbers. The key ``""`` of
-        `looks` applies to every line.
+        If True, `looks` defines all lines and markers, for example dots over numeric values. The key ``""`` of `looks`
+        applies to every line.
     """
 
     bands: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -405,7 +408,7 @@ class Curves(Figure):
 
 @dataclass(frozen=True)
 class Coloured(Figure):
-    """Panels in which colours represent values, as a base class of maps, pictures and heat maps.
+    """Base class of maps, pictures and heat maps, whose colours represent values.
 
     Parameters
     ----------
@@ -414,7 +417,7 @@ class Coloured(Figure):
     palette : str
         Name of the colour map (default: chosen from the values).
     kinds : mapping of int to (str, str)
-        Meaning and colour of each value, if the values are codes for categories.
+        Meaning and colour of each code if the values are codes for categories.
     """
 
     each: bool = False
@@ -429,7 +432,7 @@ class Maps(Coloured):
     Parameters
     ----------
     less : str
-        Dimension with text labels. A second figure shows the differences between its first value and each other value.
+        Dimension with text labels. A second figure shows the first value along this dimension minus each other value.
     """
 
     less: str = ""
@@ -437,7 +440,7 @@ class Maps(Coloured):
 
 @dataclass(frozen=True)
 class Rasters(Coloured):
-    """Pictures over the two dimensions `over` of pixels. Pictures of mirrors show the outlines of the modules."""
+    """Pictures over the two pixel dimensions `over`. Pictures of mirrors show the outlines of the modules."""
 
     over: Sequence[str] = PIXELS
 
@@ -451,7 +454,7 @@ class Grids(Coloured):
 
 @dataclass(frozen=True)
 class Planes(Figure):
-    """Points in a plane with equal axes, such as spots on the receiver.
+    """Points in a plane with equal axis scales, such as spots on the receiver.
 
     Parameters
     ----------
@@ -466,7 +469,8 @@ class Planes(Figure):
     worst : str
         Variable with a value for each heliostat. The first panels show the heliostats with the largest values.
     extra : callable
-        Function that takes the axes, the data set and the point, and adds elements to a panel with fixed limits.
+        Function that draws additional elements after the axis limits of a panel are set. Its arguments are the axes,
+        the data set and the point.
     """
 
     against: Mapping[str, str] = field(default_factory=dict)
@@ -478,7 +482,7 @@ class Planes(Figure):
 
 @dataclass(frozen=True)
 class Special(Figure):
-    """Figure that is drawn by a special function.
+    """Figure drawn by its own function.
 
     Parameters
     ----------
@@ -505,7 +509,7 @@ def default_figures(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable[str]) -> list[Figure]:
-    """Return figures in an order that starts with a heat map if two dimensions are swept.
+    """Return the figures with a heat map first if two dimensions are swept.
 
     The heat map is the first declared heat map, or a new heat map of the headline numbers if none is declared.
     """
@@ -524,7 +528,7 @@ def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable
 
 
 def preferred(result: xr.Dataset, dims: Sequence[str], wanted: Sequence[str]) -> str | None:
-    """Return the first wanted dimension, otherwise the first one with text labels, otherwise the first dimension."""
+    """Return the first wanted dimension, or else the first one with text labels, or else the first."""
     dims = [dim for dim in dims if dim != HELIOSTAT or dim in wanted or result.sizes[dim] < FIELD]
     words = [dim for dim in dims if not is_ordered(result, dim)]
     return next((dim for dim in (*wanted, "statistic", *words, *dims) if dim in dims), None)
@@ -596,12 +600,12 @@ def _statistic(array: xr.DataArray, statistics: Mapping[str, str]) -> xr.DataArr
     return array.assign_attrs(attrs)
 
 
-#: Colours of lines in order: blue, vermilion, green, pink, sky blue, orange and black of Okabe and Ito (2008).
+#: Line colours of Okabe and Ito (2008): blue, vermilion, green, pink, sky blue, orange and black.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 DASHES = ("-", (0, (4, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)), (0, (2, 1.2)), (0, (4, 1, 1, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
-#: Names of matplotlib's colour maps for values, and for differences that diverge from zero.
+#: Matplotlib colour maps for values, and for differences (diverging from zero).
 VALUES, DIFFERENCES = "viridis", "RdBu_r"
 
 #: Colour of missing values.

@@ -1,4 +1,4 @@
-"""Interactive plots of declared figures with Bokeh."""
+"""Interactive Bokeh plots of declared figures."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ from heliosweep.report.figures import (
     unit_of,
 )
 
-#: Maximum number of plots on a page, and maximum number of values, of variables and of lines in a plot.
+#: Maximum number of plots on a page, and maximum number of values, variables and lines in a plot.
 MOST_PLOTS, MOST_NUMBERS, MOST_VARIABLES, MOST_LINES = 4, 300_000, 16, 12
-#: Grey that is legible on white and on black backgrounds.
+#: Grey that is legible on white and black backgrounds.
 _GREY = "#80868c"
 _CLEAR = {"background_fill_color": None, "border_line_color": None, "title_text_color": _GREY}
 _THEME = Theme(
@@ -180,9 +180,9 @@ def _quantities(
 
 
 def _quantity(array: xr.DataArray, keep: Iterable[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the values, labels and range of a variable, and the retained positions along each dimension.
+    """Return the values, labels and range of a variable, and the kept indices along each dimension.
 
-    If an array is large, every n-th value along its longest dimensions is retained.
+    Large arrays are thinned along their longest dimensions.
     """
     kept = {str(dim): np.arange(size) for dim, size in array.sizes.items()}
     while math.prod(map(len, kept.values())) > MOST_NUMBERS:

@@ -1,4 +1,4 @@
-"""Page of a result, page that compares several results, and index of all studies in a folder.
+"""HTML pages: report of a result, comparison of several results, and index of studies.
 
 Each page is a single file that loads no other files and runs only its own scripts.
 """
@@ -60,9 +60,9 @@ from heliosweep.report.tables import (
 from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, locate, page_head, read_manifest, status_of, unfinished
 
 PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
-#: Name of the file that lists the figures of a report. The next report removes only files in this list.
+#: Name of the file that lists the figures of a report. The next report removes only these files.
 DRAWN = ".drawn"
-#: Maximum size of a result that a report loads completely. [bytes]
+#: Maximum size of a result that is loaded into memory completely. [bytes]
 LOADED = 2**24
 
 
@@ -113,7 +113,7 @@ def write_report(
     noted: Any = partial(_noted, remarks, bool(manifest))
     compared = _comparison(place, study, result)
     names, script = family.headlines if family else (), ""
-    # These stay empty if they cannot be made.
+    # These lists stay empty if the corresponding part of the page fails.
     figures, made = list[Figure](), list[Table]()
     plots, pictures = list[dict[str, str]](), list[dict[str, Any]]()
     with noted("The figures"):
@@ -161,7 +161,7 @@ def write_report(
 
 
 def render(template: str, **content: Any) -> str:
-    """Return a page from a template and escaped content."""
+    """Render a page template with escaped content."""
     return _environment().get_template(template).render(**content)
 
 
@@ -182,7 +182,7 @@ def _environment() -> Environment:
 
 
 def linked(text: str) -> Markup:
-    """Return a string in which digital object identifiers are links."""
+    """Escape a text, and convert digital object identifiers to links."""
     return Markup(DOI.sub(r'<a href="https://doi.org/\1">\g<0></a>', str(escape(text))))
 
 
@@ -193,7 +193,7 @@ def digest(script: str) -> str:
 
 def _harmless(script: str) -> str:
     """Return a script that cannot close its HTML element early."""
-    script = re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE)  # browsers would fetch the map
+    script = re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE)  # browsers would fetch the source map
     return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 
@@ -215,11 +215,11 @@ def _noted(remarks: list[str], sound: bool, what: str) -> Iterator[None]:
 def _pictures(
     folder: Path, noted: Callable[[str], Any], result: xr.Dataset, figures: Sequence[Figure], vector: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Draw and save figures, return them for a page, and remove outdated figures of an earlier report."""
+    """Draw and save figures, and remove outdated figures of an earlier report."""
     from heliosweep.report.draw import drawn, image, pixels, png
 
     if folder.is_symlink():
-        raise StudyError(Problem("is a link, not a folder of a run; move it away", file=str(folder)))
+        raise StudyError(Problem("is a symbolic link, not a result folder; move it away", file=str(folder)))
     folder.mkdir(exist_ok=True)
     remove_leftovers(folder)
     written, shown, before = list[str](), list[dict[str, Any]](), _text(folder / DRAWN).splitlines()
@@ -238,20 +238,23 @@ def _pictures(
 
 
 def embedded(named: Any, picture: Any = None) -> dict[str, Any]:
-    """Return a figure in the form that templates embed. The argument `picture` is the image if it exists."""
+    """Return the template entry of a figure. `picture` is its raster image, if already drawn."""
     from PIL.Image import Dither, Quantize
 
     from heliosweep.report.draw import pixels, png
 
     picture = picture or pixels(named.figure)
-    width, height = (round(0.55 * side) for side in picture.size)  # CSS pixels per pixel of the image
+    width, height = (round(0.55 * side) for side in picture.size)  # size in CSS pixels
     small = png(picture.quantize(256, method=Quantize.FASTOCTREE, dither=Dither.NONE))  # reduces the size to a quarter
     about: Any = {"name": named.name, "caption": named.caption, "width": width, "height": height}
     return about | {"png": base64.b64encode(small).decode()}
 
 
 def for_others(page: str, study: str) -> str:
-    """Return a page without the author's machine, command and paths, and with `study` as the text of the study file."""
+    """Return a page for publication, without the author's machine, command and paths.
+
+    `study` replaces the text of the study file.
+    """
     machine = r'<section id="provenance">.*?</section>\n?|<a class="ours"[^>]*>[^<]*</a>\n?'
     page = re.sub(machine, "", page, flags=re.DOTALL).replace('href="study.resolved.yaml"', 'href="study.yaml"')
     file = r'(?<=<pre id="study-file"><code>).*?(?=</code>)'
@@ -302,12 +305,15 @@ def command(manifest: Mapping[str, Any]) -> str:
 RESULT = "result"
 #: Maximum number of variables and of points in the table of results, and maximum size of a variable.
 MOST_VARIABLES, MOST_POINTS, MOST_NUMBERS = 12, 80, 2_000_000
-#: Relative difference that counts as rounding, and number of decimals in which labels must agree.
+#: Maximum relative difference due to rounding, and number of decimals of labels that must agree.
 ROUNDING, LABEL_DECIMALS = 1e-12, 9
 
 
 def write_comparison(compared: Sequence[tuple[Path, xr.Dataset, Any]], file: Path) -> Path:
-    """Write a page that compares results, given by path, data set and family, with the figures of the first family."""
+    """Write a page that compares several results.
+
+    `compared` contains the path, data set and family of each result. The first family declares the figures.
+    """
     from heliosweep.report.draw import draw
 
     names = [*string.ascii_uppercase, *map(str, range(27, len(compared) + 1))][: len(compared)]
@@ -325,7 +331,7 @@ def write_comparison(compared: Sequence[tuple[Path, xr.Dataset, Any]], file: Pat
         headlines, declared = family.headlines, family.figures(compared[0][1])
     figures = list(draw(joined, _over_results(declared, same))) if joined.data_vars else []
     remarks = [] if joined.data_vars else ["The results have no common points. A table shows their ranges."]
-    remarks += [] if same else ["The results have different heliostats, so there are no maps of differences."]
+    remarks += [] if same else ["The results have different heliostats, so difference maps are not shown."]
     made = [replace(ranges(one, headlines), notes=[f"Ranges of result {name}."]) for name, one in results.items()]
     made = [_differences(joined, headlines)] if joined.data_vars else made
     text = render(
@@ -356,13 +362,12 @@ def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
     Parameters
     ----------
     results : mapping of str to Dataset
-        Results by name. A key that is swept in one result and fixed in another counts as swept over one value.
+        Results by name. A key that is fixed in one result but swept in another is treated as a dimension of size 1.
 
     Returns
     -------
     xarray.Dataset
-        Data set over ``result`` and the dimensions of the results, without variables if the results have none in
-        common.
+        Data set over ``result`` and the dimensions of the results. It is empty if the results have no common variables.
     """
     every = [
         one[[name for name, array in one.data_vars.items() if is_quantity(array) and array.size <= MOST_NUMBERS]]
@@ -389,7 +394,7 @@ def _aligned(results: Sequence[xr.Dataset]) -> list[xr.Dataset]:
 
 
 def _expanded(result: xr.Dataset, swept: Mapping[Any, set[Any]]) -> xr.Dataset:
-    """Return a result with rounded labels, expanded along all dimensions that are swept in any result."""
+    """Round the labels of a result, and expand it along all dimensions swept in any result."""
     fixed = {dim for dims in swept.values() for dim in dims if dim in result.coords and not result[dim].ndim}
     grown = {
         name: one.drop_vars(fixed - swept[name]).expand_dims([*(swept[name] & fixed)])
@@ -404,7 +409,7 @@ def _expanded(result: xr.Dataset, swept: Mapping[Any, set[Any]]) -> xr.Dataset:
 
 
 def _differences(joined: xr.Dataset, names: Sequence[str]) -> Table:
-    """Tabulate variables at every common point, with the differences of each result from the first result."""
+    """Tabulate variables at every common point, with differences from the first result."""
     known = [name for name in names if name in joined.data_vars]
     first = [*known, min(map(str, joined.data_vars), key=lambda name: joined[name].ndim)][0]
     dims = [str(dim) for dim in joined[first].dims if dim != RESULT]
@@ -419,7 +424,7 @@ def _differences(joined: xr.Dataset, names: Sequence[str]) -> Table:
             rows.append([title_of(array), place, *(f"{value:.6g}" for value in row), *differences, unit])
     heads = ["", "at", *results, *(f"{name} \N{MINUS SIGN} {results[0]}" for name in results[1:]), "unit"]
     return Table(
-        "Results", columns_of(heads, rows[:MOST_POINTS]), ["Differences of percentages are in percentage points."]
+        "Results", columns_of(heads, rows[:MOST_POINTS]), ["Differences between percentages are in percentage points."]
     )
 
 
@@ -441,7 +446,7 @@ def _inputs(results: Mapping[str, xr.Dataset]) -> Table:
 
 
 def write_index(outputs: str | os.PathLike[str]) -> Path:
-    """Write the page ``index.html`` of all studies in a folder of result folders."""
+    """Write ``index.html``, an index of all studies in a folder of result folders."""
     file, studies = Path(outputs) / "index.html", studies_in(Path(outputs))
     script = resources.files("heliosweep.report").joinpath("templates/index.js").read_text(encoding="utf-8")
     families = sorted({one["family"] for one in studies} - {""})
@@ -450,7 +455,7 @@ def write_index(outputs: str | os.PathLike[str]) -> Path:
 
 
 def studies_in(outputs: Path) -> list[dict[str, Any]]:
-    """Return the entries of all studies for the template, starting with the latest study."""
+    """Return the index entries of all studies, latest study first."""
     statuses = (status_of(folder) for folder in sorted(outputs.iterdir()) if folder.is_dir())
     found = [
         {**_study_entry(one.folder), "state": one.state, "detail": one.detail}

@@ -29,13 +29,13 @@ from heliosweep.report.figures import (
     value_texts,
 )
 
-#: Maximum number of rows of a table on a page, and minimum number of points in a sorted table.
+#: Maximum number of table rows on a page, and minimum number of points for sorting a table.
 MOST_ROWS, SORTED = 100, 6
 #: Maximum number of variables in a table of ranges, and maximum number of headline numbers.
 MOST_RANGES, MOST_HEADLINES = 12, 6
-#: Maximum number of values of a variable whose range is shown.
+#: Maximum size of a variable whose range is shown.
 MOST_NUMBERS = 2_000_000
-#: Attribute of a renamed array that contains the original name of the variable.
+#: Attribute that contains the original variable name of a renamed array.
 SOURCE = "variable"
 #: Dimensions that are not swept, because their points are parts of one result.
 INNER = (
@@ -53,15 +53,15 @@ class Column:
     title : str
         Heading.
     values : sequence of float or str
-        Unformatted numbers, or text, in the cells.
+        Unformatted numbers, or text, of the cells.
     unit : str
         Unit, printed below the heading.
     digits : int
         Number of significant digits of the largest number.
     errors : sequence of float
-        Standard errors, which are printed after the numbers.
+        Standard errors, printed after the numbers.
     best : {"", "largest", "smallest"}
-        Whether the largest or the smallest number of the column is the best; empty if the column has no best value.
+        Kind of the best number in the column; empty if no number is best.
     """
 
     title: str
@@ -73,7 +73,7 @@ class Column:
 
     @property
     def is_words(self) -> bool:
-        """True if the cells contain text."""
+        """True if any cell contains text."""
         return any(isinstance(value, str) for value in self.values)
 
     def texts(self) -> list[str]:
@@ -87,7 +87,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Table of a page.
+    """Table on a page.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class Table:
         return pd.DataFrame(cells)
 
     def sorted(self) -> Table:
-        """Return the table with the rows sorted, so that the best points or the worst heliostats are first."""
+        """Sort the rows with the best points or the worst heliostats first."""
         leading = next((one for one in self.columns[self.keys :] if one.best and not one.is_words), None)
         if not self.keys or self.size < SORTED or leading is None:
             return self
@@ -144,7 +144,7 @@ class Table:
     def printed(self) -> dict[str, Any]:
         """Return header, units, rows and notes for the templates.
 
-        If the table has few points, each point is a column. If the table has many points, the points are sorted.
+        In a table with few points, each point is a column. In a table with many points, the rows are sorted.
         """
         table = self.sorted()
         texts, keys, notes = [column.texts() for column in table.columns], table.keys, list(table.notes)
@@ -155,7 +155,9 @@ class Table:
             rows = [[one.title, *cells, one.unit] for one, cells in zip(heads, texts[keys:], strict=True)]
             return {**about, "header": ["", *points, ""], "units": [], "rows": rows, "words": [0, len(points) + 1]}
         if table.size > MOST_ROWS:
-            notes.append(f"The first {MOST_ROWS} of {table.size:,} rows; the data set contains all.")
+            notes.append(
+                f"Only the first {MOST_ROWS} of {table.size:,} rows are shown; the data set contains all rows."
+            )
         return {
             **about,
             "header": [column.title for column in table.columns],
@@ -166,7 +168,7 @@ class Table:
 
 
 def columns_of(heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[Column]:
-    """Return the columns of a table given by rows, without columns that are empty in all rows."""
+    """Convert table rows to columns, and omit empty columns."""
     columns = [Column(head, [row[i] for row in rows]) for i, head in enumerate(heads)]
     return [one for one in columns if any(one.values) or not rows]
 
@@ -184,7 +186,7 @@ def headlines(result: xr.Dataset, names: Collection[str]) -> list[dict[str, str]
     Returns
     -------
     list of dict
-        Title, value and unit of each number, a note about its range and its point, and the whole text.
+        For each number: title, value, unit, a note on its range and point, and the full text.
     """
     known = [result[name] for name in names if name in result.data_vars]
     numbers = sorted(filter(is_quantity, result.data_vars.values()), key=lambda array: array.ndim)
@@ -211,7 +213,7 @@ def _headline(result: xr.Dataset, array: xr.DataArray) -> tuple[str, str, str]:
     indices = np.unravel_index(int((at_worst if inner else at_best)(values)), array.shape)
     point = {str(dim): int(index) for dim, index in zip(array.dims, indices, strict=True)}
     where = Context(result).fulls({dim: i for dim, i in point.items() if array.sizes[dim] > 1 and dim in result.coords})
-    if inner:  # the worst of several parts of one result is shown
+    if inner:  # the note locates the worst part of the result
         return f"{low} to {high}", unit, f"{worst} at {where}" * bool(where)
     count = int(np.isfinite(values).sum())
     note = f"{best} of {count:,} points, at {where}; {worst} {other}{NO_BREAK_SPACE}{unit}".rstrip()
@@ -219,7 +221,7 @@ def _headline(result: xr.Dataset, array: xr.DataArray) -> tuple[str, str, str]:
 
 
 def without(made: Sequence[Table], headlines: Sequence[Mapping[str, str]]) -> list[Table]:
-    """Return tables without columns that repeat headline numbers of a single point."""
+    """Remove columns that repeat headline numbers from tables with a single row."""
     shown, kept = {(one["value"], one["unit"]) for one in headlines}, list[Table]()
     for table in made:
         singles = [one.texts() if one.is_words else number_texts(np.array(one.values), 4) for one in table.columns]
@@ -251,12 +253,12 @@ def numbers(
     Parameters
     ----------
     result : Dataset
-        Result with the coordinates, and with the standard errors ``NAME_error`` of the arrays.
+        Result that contains the coordinates, and the standard errors ``NAME_error`` of the arrays.
     dims : sequence of str
         Dimensions of all arrays.
     arrays : sequence of DataArray
-        Arrays to show. Each array becomes a column, with the name of the array as its heading. The attribute
-        ``variable`` contains the original name of a renamed variable.
+        Arrays to show. Each array becomes a column with the array name as heading. The attribute ``variable`` contains
+        the original name of a renamed variable.
     label, notes
         As in `Table`.
     digits : int
@@ -285,19 +287,19 @@ def _column(result: xr.Dataset, array: xr.DataArray, dims: Sequence[str], digits
 
 
 def default_tables(result: xr.Dataset, names: Collection[str] = ()) -> list[Table]:
-    """Return tables for any result, with numbers over the common dimensions, and ranges of the other variables."""
+    """Return tables for any result: values at each common point, and ranges of other variables."""
     every = list(result.data_vars.values())
     common = set.intersection(*(set(array.dims) for array in every)) if every else set()
     arrays = [array for array in every if set(array.dims) == common and array.dtype.kind in "fiu"]
     arrays = [] if all(map(is_flag, arrays)) else arrays
     rest = ranges(result.drop_vars([one.name for one in arrays]), names)
     dims = [str(dim) for dim in every[0].dims if dim in common] if every else []
-    whole = [numbers(result, dims, arrays, "Numbers of each point")] if arrays else []
+    whole = [numbers(result, dims, arrays, "Values at each point")] if arrays else []
     return [*whole, *([rest] if rest.size else [])]
 
 
 def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
-    """Return a table of the minimum, median and maximum of each variable, beginning with the variables `names`."""
+    """Return a table of the minimum, median and maximum of each variable, `names` first."""
     known = quantities(result)
     order = dict.fromkeys([*(name for name in names if name in known), *known])
     arrays = [result[name] for name in order if result[name].size <= MOST_NUMBERS]
@@ -341,7 +343,7 @@ DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;
 
 
 def references(result: xr.Dataset) -> list[str]:
-    """Return the references of a result. If two entries have the same DOI, only the longer one is returned."""
+    """Return the references of a result. Of several entries with the same DOI, only the longest is returned."""
     entries: dict[str, str] = {}
     for text in filter(None, (entry.strip() for entry in str(result.attrs.get("references", "")).split(";"))):
         found = DOI.search(text)

@@ -1,4 +1,4 @@
-"""Functions that plan a study, compute its missing chunks, and write the result and its manifest.
+"""Runs of studies: planning, computing the missing chunks, and writing the result and its manifest.
 
 Threads, processes and dask clusters use the same loop over the chunks.
 """
@@ -56,19 +56,19 @@ if TYPE_CHECKING:
 
 #: Maximum number of attempts to compute a chunk.
 TRIES = 2
-#: Hint that is added to messages about failed worker processes.
-_GUARD = 'a script that runs a study with processes must do this below `if __name__ == "__main__":`'
+#: Hint in messages about failed worker processes.
+_GUARD = 'a script must call the functions that run studies below `if __name__ == "__main__":`'
 
 
 class Workers(ExitStack):
-    """Workers for a study. The workers are started when the first chunk is computed.
+    """Workers for a study. They start when the first chunk is computed.
 
     Parameters
     ----------
     execution : Execution
         Settings that select the kind of workers.
     count : int
-        Number of chunks that are computed at the same time.
+        Number of chunks computed at the same time.
     """
 
     def __init__(self, execution: Execution, count: int) -> None:
@@ -77,9 +77,9 @@ class Workers(ExitStack):
         self._submit: Callable[[Work, Piece], Future[Values]] | None = None
 
     def compute(self, work: Work, chunks: Iterable[Piece]) -> Iterator[tuple[Piece, Values | Exception]]:
-        """Yield each chunk when it is complete, with its values or with the error of the second attempt.
+        """Yield each chunk when it is complete, with its values or its error.
 
-        The second attempt to compute a chunk uses new workers.
+        If the computation of a chunk fails, it is repeated once with new workers.
         """
         remaining = list(chunks)
         for attempt in range(TRIES):
@@ -105,7 +105,7 @@ class Workers(ExitStack):
                 submit = self._submit = self._submit or self._started()
                 try:
                     pending[submit(work, chunk)] = chunk
-                except Exception as refusal:  # a broken pool of processes raises this exception
+                except Exception as refusal:  # for example, the process pool is broken
                     yield chunk, refusal
             if not pending:
                 return
@@ -195,7 +195,7 @@ def connected(execution: Execution, workers: int) -> Iterator[Client]:
 
 
 def _close(connection: Any, seconds: float) -> None:
-    with suppress(TimeoutError):  # the results have arrived
+    with suppress(TimeoutError):  # all results have arrived
         connection.close(timeout=seconds)
 
 
@@ -217,13 +217,13 @@ def _check_workers(client: Client, name: str) -> None:
 
 
 def explain_failure(error: Exception) -> str:
-    """Return the reason why a chunk failed, with a hint if a worker process has ended."""
+    """Return the reason why a chunk failed, with a hint if a worker process ended early."""
     if type(error).__name__ in ("BrokenProcessPool", "KilledWorker"):
         return f"a worker process ended before its work was complete; {_GUARD}, and each worker needs enough memory"
     return reason_of(error)
 
 
-#: Time between two progress updates on a terminal, and on other streams. [s]
+#: Time between progress updates on a terminal and on other streams. [s]
 TERMINAL_SECONDS, LINE_SECONDS = 0.5, 10.0
 
 
@@ -237,7 +237,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
     folder : pathlib.Path
         Result folder, whose file system determines the free disk space.
     connect : bool
-        If True, read the number of workers from the scheduler whose address the study specifies.
+        If True, read the number of workers from the remote scheduler specified in the study.
 
     Returns
     -------
@@ -269,7 +269,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
             execution.chunks,
             where="elsewhere" if remote or execution.cluster else local,
         )
-    except StudyError as error:  # the problems of this error have no position in the study file
+    except StudyError as error:  # these problems have no position in the study file yet
         raise StudyError(
             problem if problem.file or study.source.data.get("execution") is None
             else study.problem(problem.key, problem.message)
@@ -278,7 +278,10 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
 
 
 def timed_plan(study: Study, folder: Path) -> Plan:
-    """Plan a study with a run time extrapolated from a small region, if this region takes at most a few seconds."""
+    """Plan a study, and estimate its run time from a small region.
+
+    The estimate is omitted if the region takes too long.
+    """
     plan, family = plan_study(study, folder), family_of(study)
     tried = plan
     if isinstance(family, Searched):
@@ -289,7 +292,7 @@ def timed_plan(study: Study, folder: Path) -> Plan:
 
 
 def plan_text(study: Study, plan: Plan, folder: Path) -> str:
-    """Return the plan of a study and the result folder `folder` as text, with one quantity per line."""
+    """Format the plan of a study, with one quantity per line."""
     words, status = plan.in_words(), status_of(folder)
     done = {"complete": "; all are complete", "not run": ""}.get(status.state, f"; {status.detail}")
     rows = {"study": f"{study.title or study.family} ({study.family}, {study.study_id})", **words}
@@ -306,7 +309,7 @@ def show_progress(
     """Show the progress of a run on `stream` (default: standard error).
 
     On a terminal, a single line is updated; on other streams, each update is a new line. The context manager yields a
-    function that must be called after each completed chunk. Of `total` chunks, `done` chunks are already complete.
+    function that must be called after each completed chunk. At the start, `done` of the `total` chunks are complete.
     """
     stream, start, before = stream or sys.stderr, time.monotonic(), done
     pause, last = TERMINAL_SECONDS if stream.isatty() else LINE_SECONDS, start
@@ -367,7 +370,7 @@ class Run:
 
     @cached_property
     def store(self) -> ChunkStore:
-        """Store of the chunks that this version of the code computes for the study."""
+        """Store of the chunks computed for the study by this version of the code."""
         key = json.dumps([self.identity["code"], self.identity["output"]], sort_keys=True)
         digest = hashlib.sha256(key.encode()).hexdigest()[:12]
         return ChunkStore(self.folder / f"{CHUNKS}{self.study_id}-{digest}")
@@ -381,32 +384,34 @@ class Run:
         log.debug("%s: %.2f s", stage, self.seconds[stage])
 
     def complete(self, *, replace: bool = False) -> Path | None:
-        """Return the path of the result if it is undamaged and agrees with the study, the code and the output options.
+        """Return the path of the existing result if it is undamaged and up to date.
 
-        Otherwise, return None, and log the reason if `replace` is True. Raises StudyError if the result belongs to
-        another study.
+        An up-to-date result agrees with the study, the code and the output options. Otherwise, None is returned, and
+        the reason is logged if `replace` is True. Raises StudyError if the result belongs to another study.
         """
         path, recorded = finished(self.folder)
         if path is None:
             return None
         changed = {key: text for key in self.identity if (text := listed(recorded.get(key), self.identity[key]))}
         if replace and "study" in changed:
-            message = f"contains the result of another study ({changed['study']}); {FORCE} replaces it, --output gives "
+            message = (
+                f"contains the result of another study ({changed['study']}); {FORCE} replaces it, --output selects "
+            )
             raise StudyError(Problem(f"{message}another folder", file=str(self.folder)))
         reason = f"was computed by a different version of the code ({changed['code']})" if "code" in changed else ""
         with suppress(HeliosweepError):
             check_digest(path)
             if not changed:
                 return path
-            reason = reason or "has other options"
+            reason = reason or "has different output options"
         if replace:
             log.warning("the existing result %s and is computed again", reason or "is damaged")
         return None
 
     def result(self, *, force: bool, progress: bool) -> Path:
-        """Write the result and its manifest to the folder, and return its path.
+        """Write the result and its manifest, and return the path of the result.
 
-        If `force` is True, all chunks are recomputed. If `progress` is True, the progress is shown on standard error.
+        If `force` is True, all chunks are recomputed. If `progress` is True, progress is shown on standard error.
         """
         if not force and (found := self.complete(replace=True)):
             self.store.remove()
@@ -433,7 +438,7 @@ class Run:
         self.plan = plan = replace(self.plan, cuts=cuts)
         work = Work(self.family, self.study, plan.variables, plan.workload.sizes)
         if self.study.study_id != self.study_id:
-            raise HeliosweepError("the files of the study were changed during the start: run it again")
+            raise HeliosweepError("the files of the study changed while the run started: run it again")
         done = self.store.done()
         missing = [chunk for chunk in plan.chunks() if chunk.name not in done]
         if done:
@@ -512,7 +517,7 @@ class Run:
 
 
 def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
-    """Return a string with the first and last coordinates of a chunk along each dimension."""
+    """Describe a chunk by its first and last coordinates along each dimension."""
     words = []
     for dim, span in chunk.region.items():
         first, last = span.start, span.stop - 1
@@ -523,7 +528,7 @@ def place_of(chunk: Piece, coordinates: xr.Dataset) -> str:
 
 
 def prepare_kernels(family: Family, study: Study) -> None:
-    """Load the kernels of a study. If the kernels must be compiled first, log a message once per process."""
+    """Load the kernels of a study. If the kernels must first be compiled, a message is logged once per process."""
     from heliosweep.kernels import compiled
 
     with compiled.on_compilation(_report_compilation):

@@ -1,4 +1,4 @@
-"""Runs of searches. Each generation of the optimiser is computed as a small grid, and each evaluation is stored.
+"""Runs of searches. Each generation of the optimiser is computed as a grid, and each evaluation is stored.
 
 A resumed run repeats the search from its start and reads the stored evaluations. The steps and the result are
 therefore identical to those in an uninterrupted run.
@@ -121,7 +121,7 @@ class SearchRun(Run):
         return values[len(point) :]
 
     def _evaluated(self, points: np.ndarray, results: list[str], workers: Workers, first: int) -> list[np.ndarray]:
-        """Return the results at the given points in the order of the points. Results of infeasible points are NaN."""
+        """Return the results at the given points, in the same order. Results of infeasible points are NaN."""
         study, family = self.study, self.family
         plants = [family.point(study, map(float, point)) for point in points]
         built = [i for i, plant in enumerate(plants) if family.wrong(study, plant) is None]

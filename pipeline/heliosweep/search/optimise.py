@@ -1,4 +1,4 @@
-"""Optimisers of a search, from `pymoo` (extra `search`) and SciPy.
+"""Search optimisers from `pymoo` (extra `search`) and SciPy.
 
 A single objective is optimised by particle swarm optimisation (Kennedy and Eberhart 1995,
 doi:10.1109/ICNN.1995.488968). COBYQA then refines the best point (Ragonneau and Zhang 2025,
@@ -22,12 +22,13 @@ from heliosweep.lazy import scipy
 
 #: Finite replacement for infinity.
 HUGE = 1e100
-#: Number of generations without a new best point, or without a new point on the front, after which an optimiser stops.
+#: Number of consecutive generations without a new best point (two objectives: without any new point) after which an
+#: optimiser stops.
 PATIENCE = 10
 
 
 class BudgetSpent(Exception):
-    """Exception for a search that has spent its budget of evaluations."""
+    """Exception raised when a search has used all evaluations in its budget."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Space:
     Parameters
     ----------
     low, high : ndarray, shape (keys,)
-        Bounds of each searched key.
+        Lower and upper bound of each searched key.
     whole : ndarray of bool, shape (keys,)
         True for keys with integer values.
     """
@@ -51,7 +52,7 @@ class Space:
 
     @property
     def decimals(self) -> list[int]:
-        """Number of decimals that resolves 1e-6 of the range of each key."""
+        """Number of decimals that resolve 1e-6 of the range of each key."""
         span = (self.high - self.low) * 1e-6
         return [0 if whole else -int(np.floor(np.log10(step))) for step, whole in zip(span, self.whole, strict=True)]
 
@@ -66,8 +67,8 @@ class Space:
         return (points - self.low) / (self.high - self.low)
 
 
-#: Function of points that returns the objectives to minimise, shape (n, objectives), and the violations of the bounds.
-#: The points have the shape (n, keys). Objectives and violations are infinite for a point without a value.
+#: Function that evaluates points, shape (n, keys). It returns the objectives to minimise, shape (n, objectives), and
+#: the violations of the bounds, shape (n,). If a point has no value, its objectives and violation are infinite.
 Evaluate = Callable[[Floats], tuple[Floats, Floats]]
 
 
@@ -75,8 +76,8 @@ Evaluate = Callable[[Floats], tuple[Floats, Floats]]
 class Course:
     """All evaluations of a search. No point is evaluated twice, and at most `budget` points are evaluated.
 
-    Each generation adds to the attributes `points`, `goals` and `missed`. The attribute `generations` contains the
-    number of the generation of each point, counted from 0.
+    Each generation extends the lists `points`, `goals` and `missed`. The list `generations` contains the generation
+    number of each point, counted from 0.
     """
 
     evaluate: Evaluate
@@ -89,7 +90,7 @@ class Course:
     _known: dict[bytes, int] = field(default_factory=dict)
 
     def ask(self, shares: Floats) -> list[int]:
-        """Evaluate points given by fractions of the ranges, and return the indices of their evaluations.
+        """Evaluate points given as fractions of the ranges, and return their indices.
 
         Raises
         ------
@@ -114,11 +115,11 @@ class Course:
         return [self._known[name] for name in names]
 
     def order(self, number: int) -> tuple[float, float]:
-        """Return the violation and the objective of an evaluation as the sort key for a single objective."""
+        """Return the sort key of an evaluation: bound violation, then first objective."""
         return self.missed[number], float(self.goals[number][0])
 
     def best(self, since: int = 0) -> int:
-        """Return the index of the best evaluation for a single objective, starting at index `since`."""
+        """Return the index of the best evaluation for a single objective, from index `since` on."""
         return min(range(since, len(self.points)), key=self.order)
 
 
@@ -138,7 +139,7 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
     Parameters
     ----------
     evaluate : callable
-        Function that evaluates many points together, see `Evaluate`.
+        Function that evaluates several points at once (see `Evaluate`).
     space : Space
         Bounds of the searched keys.
     goals : int
@@ -146,7 +147,7 @@ def optimise(evaluate: Evaluate, space: Space, goals: int, budget: int, seed: in
     budget : int
         Maximum number of evaluations.
     seed : int
-        Seed of the random numbers. Equal seeds give equal courses.
+        Random seed. Equal seeds give equal results.
     size : int
         Number of points in a generation.
     start : ndarray, shape (keys,)
@@ -203,7 +204,7 @@ def _advance(algorithm: Any, course: Course, goals: int, seed: int, until: int) 
 
 
 def _refine(course: Course, since: int) -> None:
-    """Refine the best point that was found since the evaluation `since`. Integer keys do not change."""
+    """Refine the best point evaluated from index `since` on. Integer keys are held fixed."""
     space = course.space
     best = space.shares(course.points[course.best(since)])
     free = np.flatnonzero(~space.whole)

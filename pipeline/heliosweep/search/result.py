@@ -1,4 +1,4 @@
-"""Result of a search, with all evaluations, the best evaluations, figures and tables."""
+"""Search results: all evaluations, best evaluations, figures and tables."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from heliosweep.report.figures import COLOURS, Curves, Figure, printed, title_of
 from heliosweep.report.tables import SOURCE, Table, numbers
 from heliosweep.search.optimise import front
 
-#: Maximum difference from the best value at which a value counts as equal [percentage points, or % of the value].
+#: Maximum difference between near-optimal values and the best value [percentage points, or % of the best value].
 #: Number of best evaluations on the page.
 FLAT, LISTED = 0.1, 10
 
@@ -28,7 +28,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "best so far": {"linestyle": "-", "marker": "", "color": COLOURS[0], "drawstyle": "steps-post"},
     "best": {"linestyle": "", "marker": "*", "markersize": 11, "color": COLOURS[1]},
 }
-#: Variables of a search in addition to the results.
+#: Variables that a search adds to the results.
 _OWN = {
     "generation": quantity((EVALUATION,), "1", "generation of the evaluation, counted from 0", dtype="int32"),
     "feasible": flags(
@@ -39,10 +39,9 @@ _OWN = {
     ),
     "best": flags(
         (EVALUATION,),
-        "flag for evaluations that no other evaluation improves on",
+        "flag for the best evaluation, or for the evaluations on the Pareto front",
         {0: "another_is_better", 1: "no_other_is_better"},
-        "for two objectives, the Pareto front: no other evaluation is better in one objective without being worse "
-        "in the other",
+        "on the Pareto front, no other evaluation is better in one objective without being worse in the other",
     ),
 }
 
@@ -66,8 +65,8 @@ def described(
 ) -> tuple[dict[str, Variable], dict[str, np.ndarray]]:
     """Return the variables of a search result and their values.
 
-    The mappings `values` and `variables` contain the results by name. The attributes `goals` and `missed` of the course
-    contain the minimised objectives, shape (evaluations, objectives), and the violations of the bounds.
+    The mappings `values` and `variables` contain the results by name. `goals` contains the minimised objectives, shape
+    (evaluations, objectives), and `missed` contains the violations of the bounds, shape (evaluations,).
     """
     arrays = {name: np.asarray(values[name], float) for name in variables}
     own = (generations, missed == 0.0, front(goals, missed))
@@ -76,7 +75,7 @@ def described(
 
 
 def goals_of(result: xr.Dataset) -> dict[str, bool]:
-    """Return the names of the objectives in a result, each with True if the best value is the minimum."""
+    """Return the objectives of a result by name, with True for minimised objectives."""
     said = json.loads(result.attrs["study"])["search"]
     names = [(name, way == "minimise") for way in ("maximise", "minimise") for name in said.get(way, ())]
     return {name if name in result else f"field_{name}": least for name, least in names}
@@ -88,9 +87,9 @@ def keys_of(result: xr.Dataset) -> dict[str, str]:
 
 
 def best_of(result: xr.Dataset) -> int | None:
-    """Return the index of the best evaluation, or None if no evaluation satisfies all bounds.
+    """Return the index of the best evaluation, or None if none satisfies all bounds.
 
-    For a front, the best evaluation is the one closest to the best values of both objectives.
+    On a Pareto front, the best evaluation is closest to the best values of both objectives.
     """
     places = np.flatnonzero(result["best"].to_numpy())
     if not places.size:
@@ -110,7 +109,10 @@ def point_text(result: xr.Dataset, place: int) -> str:
 
 
 def answers(result: xr.Dataset) -> Iterator[str]:
-    """Yield the optimum of a single objective, the best point, and the ranges of the keys near the optimum."""
+    """Yield a sentence with the optimum, its point and the near-optimal key ranges.
+
+    Nothing is yielded for two objectives, or if no evaluation satisfies all bounds.
+    """
     best, goals = best_of(result), goals_of(result)
     if best is None or len(goals) > 1:
         return
@@ -161,7 +163,8 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
         return
     data = result.isel({EVALUATION: shown}).reset_coords(keys)
     named = [data[name].rename(name.removeprefix("field_")).assign_attrs({SOURCE: name}) for name in goals]
-    note = f"{len(shown)} of {len(order):,} {'on the front' if others else 'that satisfy all bounds'}."
+    which = "on the front" if others else "that satisfy all bounds"
+    note = f"{len(shown)} of {len(order):,} evaluations {which} are shown."
     label = "Along the front" if others else "The best evaluations"
     yield numbers(data, [EVALUATION], [*(data[name] for name in keys), *named], label, [note], digits=5)
 

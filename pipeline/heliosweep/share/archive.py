@@ -51,14 +51,14 @@ def pack_result(
     license : str, optional
         Licence of the data as an SPDX identifier or ``LicenseRef-NAME`` (default: licence of the study).
     draft : bool
-        If True, creators and licence may be missing, because the archive is not published yet.
+        If True, write an unpublished draft, which may lack creators and a licence.
     force : bool
         If True, replace an existing archive.
 
     Returns
     -------
     pathlib.Path
-        Path of the archive, whose bytes depend only on the result folder.
+        Path of the archive.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def pack_result(
         If the result is incomplete or damaged, if an input of the study is missing or changed, or if the archive cannot
         be written.
     StudyError
-        If the name of the archive is invalid, if the licence is unknown, or if licence or creators are missing.
+        If the archive name is invalid, the licence is unknown, or the licence or the creators are missing.
 
     Examples
     --------
@@ -99,17 +99,17 @@ def pack_result(
         digests = {name: _add(zipped, f"{top}/{name}", content) for name, content in contents.items()}
         if digests[RESULT] != manifest["result"]["sha256"]:
             raise HeliosweepError(f"{place / RESULT}: was changed while it was being packed")
-        # lines in the format of sha256sum -c
+        # lines in the format that sha256sum -c reads
         sums = "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items()))
         _add(zipped, f"{top}/SHA256SUMS", sums)
     return target
 
 
 def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
-    """Add text or a file to an archive, and return the SHA-256 of the content. Files are copied in pieces."""
+    """Add text or a file to an archive, and return the SHA-256 digest. Files are copied in pieces."""
     text = content.encode() if isinstance(content, str) else b""
-    info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the earliest date in ZIP archives
-    info.create_system, info.external_attr = 3, 0o100644 << 16  # attributes that are equal on all systems
+    info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the earliest date that ZIP supports
+    info.create_system, info.external_attr = 3, 0o100644 << 16  # the same attributes on all systems
     info.compress_type = zipfile.ZIP_DEFLATED
     info.file_size = content.stat().st_size if isinstance(content, Path) else len(text)
     digest = hashlib.sha256()
@@ -124,7 +124,7 @@ def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
 
 
 def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
-    """Check a result folder, and return the values for the templates. Raises HeliosweepError or StudyError."""
+    """Check a result folder, and return the template values. Raises HeliosweepError or StudyError."""
     found = verify(place)
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")
@@ -170,7 +170,7 @@ def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
         "is_draft": data_licence == DRAFT,
         "creators": creators,
         "people": "; ".join(creator.name for creator in creators) or DEFAULT_CREATOR,
-        "doi": dataset.doi if dataset else None,  # identifier without the address of the resolver
+        "doi": dataset.doi if dataset else None,  # identifier without the resolver address
         "version": dataset.version if dataset else None,
         "references": list(filter(None, str(attributes.get("references", "")).split("; "))),
     }
@@ -237,14 +237,14 @@ def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
     ]
     remedy = "add it to the study and run the study again, or pack a --draft"
     if missing and not draft:
-        raise StudyError([Problem(f"an archive to publish needs {key}; {remedy}", file=str(place)) for key in missing])
+        raise StudyError([Problem(f"a published archive needs {key}; {remedy}", file=str(place)) for key in missing])
     for key in missing:
         log.warning("this is a draft that must not be published: it needs %s", key)
     return chosen or DRAFT
 
 
 def placed(study: Study) -> dict[str, str]:
-    """Return the path of each input file in the archive. File names do not change, because they label results.
+    """Return the path of each input file in the archive. File names are kept because they label results.
 
     Raises
     ------
@@ -256,13 +256,14 @@ def placed(study: Study) -> dict[str, str]:
         for name in names:
             if not study.resolve(name).is_file():
                 raise HeliosweepError(
-                    f"{key}: there is no such file: {study.resolve(name)}; an archive needs all input files"
+                    f"{key}: file does not exist: {study.resolve(name)}; an archive needs all input files"
                 )
             last = PurePath(name).name
             unsafe = r'[\x00-\x1f\x7f<>:"/\\|?*]|[. ]$|^\.{1,2}$|^(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?$'
             if re.search(unsafe, last) or not last.isprintable():
                 raise HeliosweepError(
-                    f"{key}: {last!r} is not a valid file name on all systems: rename the file and run the study again"
+                    f"{key}: {last!r} is not a valid file name on all operating systems: rename the file and run the "
+                    "study again"
                 )
             free = itertools.chain([f"{FOLDER}/{last}"], (f"{FOLDER}/{number}/{last}" for number in itertools.count(2)))
             places[name] = next(place for place in free if taken.setdefault(place.casefold(), name) == name)

@@ -1,4 +1,4 @@
-"""Functions that select a point in a result, and read and write layouts and results as tables."""
+"""Selection of points in results, and tables of layouts and results."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def chosen(data: T, select: Mapping[str, Any] | None, keep: Sequence[str] = (), 
     data : DataArray or Dataset
         Result, or a variable of a result.
     select : mapping of str to value, optional
-        Labels, keyed by dimension name or by dotted study key.
+        Labels to select, keyed by dimension name or dotted study key.
     keep : sequence of str
-        Dimensions for which no label is needed.
+        Dimensions that need no label.
     left : int
         Maximum number of other dimensions without a label.
     hint : str
@@ -85,15 +85,15 @@ def dimension_of(data: xr.DataArray | xr.Dataset, key: str) -> str:
 
 
 def labels_of(coordinate: xr.DataArray) -> list[Any]:
-    """Return the labels of a dimension for messages, with dates in their shortest form."""
+    """Return the labels of a dimension for messages, with dates in the shortest form."""
     values = coordinate.to_numpy()
     return list(np.datetime_as_string(values, unit="auto") if values.dtype.kind == "M" else values.tolist())
 
 
 def label(data: xr.DataArray | xr.Dataset, name: str, value: Any) -> Any:
-    """Return the label of a dimension that matches a value, such as a string or the name of a heliostat.
+    """Return the label along a dimension that matches a value, for example a heliostat name.
 
-    Raises StudyError if no label matches, or if several labels match.
+    Raises StudyError if no label or several labels match.
     """
     if name not in data.dims:
         dims = ", ".join(map(str, data.dims))
@@ -119,7 +119,7 @@ def label(data: xr.DataArray | xr.Dataset, name: str, value: Any) -> Any:
     raise StudyError(Problem(message, f"select.{name}"))
 
 
-#: Residual variables in a corrections table.
+#: Variables in a corrections table that contain residuals.
 _RESIDUALS = (
     *("uncalibrated_beam_residual_rms", "beam_residual_rms"),
     *("uncalibrated_held_out_residual_rms", "held_out_residual_rms"),
@@ -163,12 +163,12 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write spots as a table for the key ``calibration.spots``.
 
-    The notes of the spots are written as comments before the table.
+    The notes in `spots` are written as comments above the table.
 
     Parameters
     ----------
     spots : PaintSpots
-        Spots to write.
+        Spots and notes to write.
     path : path
         File to write. It appears under its name only when it is complete.
     force : bool
@@ -195,7 +195,7 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
 def write_corrections(
     result: xr.Dataset, path: str | os.PathLike[str], select: Mapping[str, Any] | None = None, *, force: bool = False
 ) -> Path:
-    """Write the errors estimated in a calibration as a corrections table with one row for each heliostat.
+    """Write estimated mount errors as a corrections table with one row for each heliostat.
 
     Angles are in degrees. If the layout has the columns ``azimuth_steps`` and ``elevation_steps``, the angles are also
     given in actuator steps. The first lines of the file explain the signs.
@@ -205,7 +205,7 @@ def write_corrections(
     result : xarray.Dataset
         Result of the family `misalignment` with estimated errors.
     path : path
-        CSV file to write. It appears under its name only when it is complete.
+        CSV file to write atomically.
     select : mapping of str to value, optional
         Value of each dimension that distinguishes calibrations, such as ``{"parameters": 4}``.
     force : bool
@@ -219,12 +219,12 @@ def write_corrections(
     Raises
     ------
     StudyError
-        If the result is not a calibration or contains several calibrations, or if the file exists.
+        If the result is not a calibration, if several calibrations remain after selection, or if the file exists.
     HeliosweepError
         If the file cannot be written.
     """
     if "estimated_error" not in result or "heliostat" not in result["estimated_error"].dims:
-        raise StudyError(Problem("the result is not a calibration: it has no estimated_error of heliostats"))
+        raise StudyError(Problem("the result is not a calibration: it has no variable estimated_error over heliostats"))
     steps = [name for name in STEPS if name in result.coords]
     given = label_of(result.coords)
     names = [given, "estimated_error", "standard_error", "calibration_status", "spots_used", *_RESIDUALS, *steps]
@@ -335,9 +335,11 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
 
 
 def kept_field(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the changes that remove unused heliostats from a study with `keep` or chosen aim points.
+    """Return study changes that remove the unused heliostats of a result.
 
-    Raises StudyError if the result has several fields and `select` does not select one of them.
+    Heliostats are unused if `keep` did not select them or if they have no aim point.
+
+    Raises StudyError if the result has several fields and `select` does not specify one.
     """
     along, select = result["kept" if "kept" in result else "x"], select or {}
     layout = layout_of(result, {key: select[key] for key in select if dimension_of(along, key) in along.dims})
@@ -378,7 +380,7 @@ def write_layout(
     *,
     force: bool = False,
 ) -> Path:
-    """Write a layout to a file, from which `read_layout` returns identical numbers.
+    """Write a layout to a file. `read_layout` restores identical numbers from the file.
 
     Parameters
     ----------
@@ -437,12 +439,12 @@ def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *
     Returns
     -------
     pandas.DataFrame
-        Table whose columns are the dimensions, other coordinates along these dimensions, and the variables.
+        Table with columns for the dimensions, other coordinates along these dimensions, and the variables.
 
     Raises
     ------
     StudyError
-        If a variable is unknown, or variables have different dimensions.
+        If a variable is unknown, or if variables have different dimensions.
 
     Examples
     --------
@@ -465,15 +467,14 @@ def write_csv(
     *,
     force: bool = False,
 ) -> Path:
-    """Write variables of a result to a CSV file, with limited memory use.
+    """Write variables of a result to a CSV file with limited memory use.
 
     Parameters
     ----------
     result : xarray.Dataset
         Result from `open_result` or `build`, or a part of it.
     path : path
-        File to write. It appears under its name only when it is complete. The header includes units, such as ``x [m]``.
-        Numbers are written with all digits.
+        CSV file to write atomically. The header includes units, such as ``x [m]``. Numbers are written with all digits.
     variables : str or sequence of str, optional
         As in `to_frame`.
     force : bool
@@ -487,7 +488,7 @@ def write_csv(
     Raises
     ------
     StudyError
-        If the file exists, or as in `to_frame`.
+        If the file exists, if a variable is unknown, or if variables have different dimensions.
     HeliosweepError
         If the file cannot be written.
 
@@ -508,7 +509,7 @@ def write_csv(
 
 
 def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
-    """Return the names of the variables in groups with equal dimensions, each of which becomes a table."""
+    """Group the names of the variables by dimensions. Each group becomes a table."""
     found: dict[tuple[str, ...], list[str]] = {}
     for name, variable in result.data_vars.items():
         found.setdefault(tuple(map(str, variable.dims)), []).append(str(name))
@@ -517,12 +518,12 @@ def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
 
 def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dataset:
     names = names_of(result, variables)
-    # pandas omits the second index along a dimension, such as the names of heliostats
+    # pandas omits a second index along a dimension, such as heliostat names
     result = result.drop_indexes([name for name in result.xindexes if name not in result.dims])
     if len({frozenset(result[name].dims) for name in names}) > 1:
         told = "; ".join(f"over {', '.join(dims) or 'nothing'}: {', '.join(of)}" for dims, of in groups(result).items())
         raise StudyError(
-            Problem(f"variables with different dimensions do not fit in one table: choose from those {told}")
+            Problem(f"variables with different dimensions do not fit in one table: choose from the variables {told}")
         )
     dims = result[names[0]].dims
     along = [name for name, label in result.coords.items() if label.dims and set(label.dims) <= set(dims)]
@@ -550,7 +551,7 @@ def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[
 
 
 def _frame(part: xr.Dataset) -> pd.DataFrame:
-    """Return a table with columns in the order of dimensions, other coordinates and variables."""
+    """Return a table whose columns are dimensions, other coordinates and variables, in this order."""
     part, dims = part.compute(), next(iter(part.data_vars.values())).dims
     if not dims:
         return part.expand_dims("point").to_dataframe().reset_index(drop=True)
@@ -558,7 +559,7 @@ def _frame(part: xr.Dataset) -> pd.DataFrame:
 
 
 def _pieces(part: xr.Dataset, dims: Sequence[Hashable]) -> Iterator[xr.Dataset]:
-    """Yield parts with consecutive rows that fit in memory. The first dimension with several values is halved."""
+    """Yield parts of at most 2**17 consecutive rows. Larger parts are halved along the first dimension."""
     dim = next((dim for dim in dims if part.sizes[dim] > 1), None)
     if dim is None or math.prod(part.sizes[dim] for dim in dims) <= 2**17:
         yield part
@@ -573,7 +574,7 @@ def _named(chosen: xr.Dataset) -> dict[str, str]:
     return {name: f"{name} [{unit}]" if unit != "1" else name for name, unit in units.items()}
 
 
-#: Maximum number of rows in an Excel sheet, not counting the header.
+#: Maximum number of rows in an Excel sheet, excluding the header.
 MOST_ROWS = 2**20 - 1
 
 
@@ -595,7 +596,7 @@ def write_xlsx(
     result : xarray.Dataset
         Result from `open_result` or `build`, or a part of it.
     path : path
-        Excel file (``.xlsx``) to write. It appears under its name only when it is complete.
+        Excel file (``.xlsx``) to write atomically.
     variables : str or sequence of str, optional
         Names of variables (default: all variables that fit in a sheet of 1,048,576 rows).
     tables : mapping of str to pandas.DataFrame, optional
@@ -611,9 +612,9 @@ def write_xlsx(
     Raises
     ------
     StudyError
-        If the file exists, a variable is unknown, or a requested variable has too many rows for a sheet.
+        If the file exists, if a variable is unknown, or if a requested variable has too many rows for a sheet.
     HeliosweepError
-        If the package openpyxl is not installed, or the file cannot be written.
+        If the package `openpyxl` is not installed, or if the file cannot be written.
 
     Examples
     --------
@@ -650,7 +651,7 @@ def write_xlsx(
         for name, frame in sheets.items():
             printed = frame.map(lambda cell: printable(cell) if isinstance(cell, str) else cell)
             printed.to_excel(book, sheet_name=name, index=False, freeze_panes=(1, 0))
-            for column in book.sheets[name].columns:  # width of the first cells, at most 80 characters
+            for column in book.sheets[name].columns:  # widest of the first 100 cells, at most 80 characters
                 width = max(len(str(cell.value)) for cell in column[:100])
                 book.sheets[name].column_dimensions[column[0].column_letter].width = min(width, 80) + 2
                 for cell in column:
@@ -665,7 +666,7 @@ def _line(result: xr.Dataset, name: Any, **more: Any) -> dict[str, Any]:
 
 
 def _sheet_name(title: str, taken: Iterable[str]) -> str:
-    """Return an unused name for a sheet. Names that differ only in case count as equal."""
+    """Return an unused sheet name. Names that differ only in case are considered equal."""
     name = re.sub(r"[\[\]:*?/\\]", " ", title).strip(" '")[:31] or "table"
     number, others = 1, {one.lower() for one in taken}
     while name.lower() in others:

@@ -1,4 +1,4 @@
-"""Help for writing a study, with explanations of keys, commented examples, and shipped studies."""
+"""Help for writing studies: explanations of keys, commented examples, and shipped studies."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def explain(words: Iterable[str]) -> str:
     Returns
     -------
     str
-        Meaning, forms, unit, range, default and an example of a key. The text for a block also lists the keys of the
-        block.
+        Meaning, forms, unit, range, default and an example of the key, or meaning and unit of the variable. The text
+        for a block also lists the keys of the block.
 
     Raises
     ------
     StudyError
-        If the family, key or variable does not exist. The message lists keys and variables with similar names, or with
-        descriptions that contain the word.
+        If the family, key or variable does not exist. The message lists keys and variables that have similar names, or
+        whose descriptions contain the word.
     """
     given = list(words)
     chosen = [given.pop(0)] if {*given[:1]} & {*families()} else list(families())
@@ -99,7 +99,10 @@ def shipped() -> dict[str, Path]:
 
 
 def examples() -> str:
-    """Return lines with the name, family and title of each shipped study, sorted by family."""
+    """Return a list of shipped studies as text, sorted by family.
+
+    Each line contains the name, family and title of a study.
+    """
     told = sorted((str(source.data.get("family")), name, str(source.data.get("title"))) for name, source in _read())
     if not told:
         raise HeliosweepError("this installation has no studies; they are in the folder studies/ of the source code")
@@ -155,7 +158,7 @@ def _variables(family: str) -> dict[str, Mapping[str, Any]]:
 
 
 def _plain(key: Key) -> str:
-    """Return the name of a key without the optional suffix ``[]`` of lists."""
+    """Return the name of a key without the suffix ``[]`` of lists."""
     return key.name.replace("[]", "")
 
 
@@ -216,7 +219,7 @@ def _hint(wanted: str, chosen: list[str]) -> str:
         return remedy
     words = word.replace("_", " ")
     if meant := [name for name, meaning in known.items() if word in name or words in meaning.casefold()]:
-        return f"descriptions with this word have {few_of(meant)}"
+        return f"this word is in the descriptions of {few_of(meant)}"
     siblings = [name for name in keys if name.rpartition(".")[0] == block]
     near = nearest(wanted, siblings) or nearest(wanted, known)
     hint = f"did you mean '{near}'? " * bool(near)

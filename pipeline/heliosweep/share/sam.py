@@ -4,10 +4,10 @@ The conventions follow the source code of NREL's ssc and SolarPILOT:
 
 - SAM's molten-salt power tower reads user-defined performance (``eta_map``) as rows of azimuth, zenith angle [deg] and
   efficiency. SAM interpolates at the azimuth of its weather reader, clockwise from north, 0 to 360 deg
-  (`C_pt_sf_perf_interp::call`), without periodicity. If one of the azimuths 0 and 360 deg exists, rows for both
-  azimuths are therefore written. Rows with the sun below the horizon are omitted, because SAM stops the field at night.
-  Each row has a flux map (``flux_maps``) with the fraction of the receiver's light on each column. The columns of a
-  cylinder run from south via east and north to west. SAM sums the flux over the height.
+  (`C_pt_sf_perf_interp::call`). The interpolation is not periodic, so rows for both 0 and 360 deg are written if the
+  table has either azimuth. Rows with the sun below the horizon are omitted, because SAM stops the field at night. Each
+  row has a flux map (``flux_maps``), which contains the fraction of the receiver's light on each column. The columns of
+  a cylinder run from south via east and north to west. SAM sums the flux over the height.
 - SAM's generic solar field reads a matrix. The first column contains ascending zenith angles, the first row contains
   ascending azimuths, and the first cell is empty. Azimuth 0 is south, east is negative, and west is positive
   (`C_csp_gen_collector_receiver`).
@@ -42,15 +42,14 @@ from heliosweep.lazy import pvlib
 from heliosweep.share.fields import chosen, dimension_of, layout_of
 from heliosweep.store.folder import target_file
 
-#: The form ``tower`` is rows for SAM's molten-salt power tower, and ``generic`` is a matrix for SAM's generic solar
-#: field.
-#: The form ``solarpilot`` is a matrix in the format of SolarPILOT's Python interface.
+#: Table formats: ``tower`` (rows for SAM's molten-salt power tower), ``generic`` (matrix for SAM's generic solar field)
+#: and ``solarpilot`` (matrix for SolarPILOT's Python interface).
 TableForm: TypeAlias = Literal["tower", "generic", "solarpilot"]
 
 _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
-#: Study keys and dimensions that given sun directions replace.
+#: Study keys and dimensions that sun directions replace.
 _GONE = ("site.", "sites", "time.", "weather.", "limits.", "availability.", "economics.", "budget.")
-_SAME = 1e-9  # maximum difference between equal angles [deg]
+_SAME = 1e-9  # maximum difference between angles that count as equal [deg]
 #: Variables for an efficiency table in order of preference, and the factors that they include.
 _FACTORS = {
     "field_total_efficiency": "cosine, shading, blocking, reflection, attenuation and intercept",
@@ -82,7 +81,7 @@ def at_directions(study: Study, azimuth: Any = None, elevation: Any = None) -> S
     """
     time = type(study).model_fields.get("time")
     if time is None or ("", SunDirections) not in blocks_in(time.annotation):
-        message = f"{study.family} does not support 'clock: sun', which a table over directions of the sun needs"
+        message = f"{study.family} does not support 'clock: sun', which a table over sun directions needs"
         raise StudyError(study.problem("family", message))
     content = study.resolved(lambda name: study.seen_from(Path(), name))
     altitudes = list(dict.fromkeys(site.altitude for site in places_of(study)))
@@ -165,19 +164,20 @@ def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr
     Raises
     ------
     StudyError
-        As in `efficiency_table`, or if no light reaches the receiver, or if a cylinder has an odd number of columns.
+        If no light reaches the receiver, or if a cylinder has an odd number of columns. The errors of
+        `efficiency_table` are also raised.
     """
     if "flux_map" not in result.data_vars:
         raise StudyError(Problem("the result has no flux map: add 'output: {flux_map: ...}' to the study"))
     flux = _over_directions(result, "flux_map", select, ("flux_row", "flux_column")).sum("flux_row", min_count=1)
     if flux["flux_column"].attrs["units"] == "degree":
         if flux.sizes["flux_column"] % 2:
-            message = "must be even, because SAM's columns meet at south and at north"
+            message = "must be even, because SAM's columns have edges at south and north"
             raise StudyError(Problem(message, "output.flux_map.columns"))
         flux = flux.isel(flux_column=np.argsort((180.0 - flux["flux_column"].to_numpy()) % 360.0))
     whole = flux.sum("flux_column", min_count=1)
     if (whole <= 0).any():
-        raise StudyError(Problem("no light reaches the receiver for some directions of the sun", "flux_map"))
+        raise StudyError(Problem("no light reaches the receiver for some sun directions", "flux_map"))
     return (flux / whole).assign_attrs(units="1", long_name="fraction of the receiver's light on a column")
 
 
@@ -214,13 +214,13 @@ def write_table(
     Parameters
     ----------
     table : xarray.DataArray
-        Table from `efficiency_table` or `flux_maps`. Flux maps need the format ``tower``. Their rows contain no
-        angles and are in the order of the efficiency table.
+        Table from `efficiency_table` or `flux_maps`. Flux maps require the format ``tower``. Their rows contain no
+        angles and have the same order as the rows of the efficiency table.
     path : path
-        CSV file to write. It appears under its name only when it is complete.
+        CSV file to write atomically.
     form : {"tower", "generic", "solarpilot"}
-        Format for SAM's molten-salt power tower, for SAM's generic solar field, or for SolarPILOT. If the sun is below
-        the horizon, the format ``tower`` has no rows, and the other formats contain zeros.
+        Format for SAM's molten-salt power tower, for SAM's generic solar field, or for SolarPILOT. For sun directions
+        below the horizon, the format ``tower`` contains no rows, and the other formats contain zeros.
     force : bool
         If True, replace an existing file.
 
@@ -232,7 +232,7 @@ def write_table(
     Raises
     ------
     StudyError
-        If the file exists, or if two azimuths are the same direction in the format.
+        If the file exists, or if two azimuths are the same direction.
     HeliosweepError
         If the file cannot be written.
 
@@ -255,8 +255,8 @@ def write_table(
 def table_rows(table: xr.DataArray, form: TableForm = "tower") -> list[list[object]]:
     """Return the rows of an efficiency table or of flux maps in one of the formats of `write_table`.
 
-    Values are added at the missing end of the full circle if one end exists, because SAM does not interpolate
-    periodically.
+    If the table contains only one end of the full circle, its values are repeated at the other end, because SAM does
+    not interpolate periodically.
     """
     azimuth, order = _azimuths(table[_AZIMUTH].to_numpy(), south=form == "generic")
     values, elevation = table.to_numpy()[:, order], table[_ELEVATION].to_numpy()
@@ -287,9 +287,9 @@ def _number(value: float) -> float | int:
 def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
     """Return the ascending azimuths of a format, and their order in the efficiency table.
 
-    Azimuths from north are 0 to 360 deg, and azimuths from south -180 to 180 deg. Both ends of a range are the same
-    direction, and the table may contain both ends. If a circle is closed elsewhere, such as -180 to 180 deg from north,
-    one end is omitted.
+    Azimuths from north range from 0 to 360 deg, and azimuths from south from -180 to 180 deg. Both ends of the range
+    are the same direction, and the table may contain both. If a full circle has other ends, such as -180 and 180 deg
+    from north, one end is omitted.
     """
     low = -180.0 if south else 0.0
     shifted = np.asarray(north, dtype=float) - (180.0 if south else 0.0)
@@ -307,12 +307,12 @@ def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
     return azimuth[order], order
 
 
-#: Python module of SAM, package that contains the module, and extra that installs the package.
+#: Python module of SAM, its package, and the extra that installs the package.
 EXTRA = ("PySAM.TcsmoltenSalt", "nrel-pysam", "sam")
 #: SAM output, unit and long name of each annual time series.
 _SERIES = {
     "electric_power": ("P_out_net", "MW", "net electric power"),
-    "absorbed_power": ("q_dot_rec_inc", "MW", "power that the receiver absorbs"),
+    "absorbed_power": ("q_dot_rec_inc", "MW", "power absorbed by the receiver"),
     "receiver_loss": ("q_thermal_loss", "MW", "thermal losses of the receiver"),
     "receiver_heat": ("Q_thermal", "MW", "heat of the receiver"),
     "stored_heat": ("e_ch_tes", "MWh", "heat in the storage"),
@@ -334,7 +334,7 @@ _KEYS = {
     "economics.sales_tax": ("sales_tax_rate", 125.0), "economics.fixed_charge_rate": ("fixed_charge_rate", 1.0),
     "economics.operation_cost": ("operation", 1.0),
 }  # fmt: skip
-#: Variables that SAM's efficiency tables and flux maps need, and the study keys that these variables require.
+#: Variables needed for SAM's efficiency tables and flux maps, and study keys that provide them.
 FIELD = ["field_total_efficiency", "flux_map", "field_mirror_area"]
 OUTPUT = {"output.flux_map": {"columns": 20, "rows": 1}, "output.field_geometry": True}
 
@@ -352,7 +352,7 @@ def tower_electricity(
         Efficiency over ``sun_elevation`` and ``sun_azimuth``, without thermal losses. Use `efficiency_table` with the
         absorptance of the receiver as `factor`. [1]
     flux : xarray.DataArray
-        Fraction of the receiver's light that falls on each column, from `flux_maps`. [1]
+        Fraction of the receiver's light on each column, from `flux_maps`. [1]
     weather : path or mapping
         Weather data for one year as a file that SAM can read (TMY3, EPW or SAM CSV), or as SAM's
         ``solar_resource_data``.
@@ -381,7 +381,7 @@ def tower_electricity(
     Raises
     ------
     HeliosweepError
-        If PySAM is not installed, or SAM rejects an input.
+        If PySAM is not installed, or if SAM rejects an input.
 
     References
     ----------
@@ -420,7 +420,7 @@ def tower_electricity(
             model.value(name, value)
         name = ""
         model.execute(0)
-    except Exception as error:  # PySAM raises exceptions of the base class
+    except Exception as error:  # PySAM raises plain Exception
         raise HeliosweepError(f"SAM: {name and f'{name}: '}{' '.join(str(error).split())}") from error
     out = model.Outputs
     energy = out.annual_energy / 1e3
@@ -451,7 +451,7 @@ def _check(study: Study, values: Mapping[str, Any]) -> None:
     files, kind, currency = len(weather_of(study)), values.get("receiver.kind"), values.get("economics.currency")
     horizon, losses = any(key.startswith("site.horizon.") for key in values), "receiver.thermal_losses.file"
     wrong = (
-        ("search", study.search is not None, "has many plants: run the best plant without 'search'"),
+        ("search", study.search is not None, "describes many plants: run the best plant without 'search'"),
         ("receiver.kind", kind != "cylinder", f"must be cylinder, SAM's external receiver (got {kind})"),
         ("site", "site.latitude" not in values, "is missing: SAM needs one site"),
         ("site.horizon", horizon, "is not supported by SAM: remove it"),
@@ -471,9 +471,9 @@ def electricity_of(
     study: Study, result: xr.Dataset, select: Mapping[str, Any], inputs: Mapping[str, Any],
     field: Callable[[], xr.Dataset],
 ) -> xr.Dataset:  # fmt: skip
-    """Compute the electricity from the plant that a result describes.
+    """Compute the annual electricity of the plant in a result.
 
-    The function `field` computes the result for the plant's field over sun directions.
+    The function `field` computes a result for the same field over sun directions.
 
     Raises
     ------
@@ -512,7 +512,7 @@ def electricity_of(
 
 
 def _weather(study: Study, values: Mapping[str, Any]) -> tuple[dict[str, Any], pd.DatetimeIndex]:
-    """Return the weather in a study as SAM's ``solar_resource_data``, and the local times of its rows.
+    """Return the weather of a study as SAM's ``solar_resource_data``, and the local times of its rows.
 
     The rows begin on 1 January and omit 29 February. Missing temperatures are replaced by 20 C, and missing wind speeds
     by 0 m/s. Raises StudyError if the weather does not cover a year.

@@ -13,14 +13,14 @@ from heliosweep.files import write_whole
 from heliosweep.lazy import pvlib
 from heliosweep.store.folder import target_file
 
-#: Source and licence of the data of each weather service.
+#: Data source and licence of each weather service.
 SERVICES = {
     "pvgis": {"source": "PVGIS, European Commission, Joint Research Centre, https://re.jrc.ec.europa.eu",
               "licence": "CC BY 4.0, European Union"},
     "nsrdb": {"source": "NSRDB PSM4, National Laboratory of the Rockies (NREL), https://nsrdb.nlr.gov",
               "licence": "CC BY 3.0 US, National Laboratory of the Rockies (NREL)"},
 }  # fmt: skip
-#: Environment variables with the key of a service and the email address of its owner.
+#: Environment variables with the NSRDB key and the email address of its owner.
 KEY, EMAIL = "NSRDB_API_KEY", "NSRDB_EMAIL"
 
 
@@ -28,12 +28,13 @@ def download_weather(
     service: str, latitude: float, longitude: float, target: str | os.PathLike[str], *, year: int | None = None,
     url: str | None = None, force: bool = False,
 ) -> Path:  # fmt: skip
-    """Download hourly weather for a location and write a file that `weather.file` and `site.file` read.
+    """Download hourly weather for a location as a file for `weather.file` or `site.file`.
 
     Parameters
     ----------
     service : {'pvgis', 'nsrdb'}
-        Weather service. The NSRDB needs a key in the environment variables ``NSRDB_API_KEY`` and ``NSRDB_EMAIL``.
+        Weather service. For the NSRDB, set the environment variables ``NSRDB_API_KEY`` (key) and ``NSRDB_EMAIL`` (email
+        address of its owner).
     latitude, longitude : float
         Coordinates of the location, positive north and east. [deg]
     target : path
@@ -69,12 +70,12 @@ def download_weather(
         raise StudyError(Problem(message, service))
     try:
         data, place, query = _downloaded(service, latitude, longitude, year, url, personal)
-    except (OSError, ValueError, KeyError) as error:  # errors in the request, in the JSON text, or in the data
+    except (OSError, ValueError, KeyError) as error:  # errors in the request, the JSON text or the data
         text = str(error)
         for secret in filter(None, personal.values()):
             text = text.replace(secret, "...")
         raise HeliosweepError(f"{service}: no weather data for {latitude:g}, {longitude:g} deg: {text}") from None
-    data = data.rename(columns={"poa_direct": "dni"})  # column of PVGIS for a tracked plane
+    data = data.rename(columns={"poa_direct": "dni"})  # PVGIS column for a tracked plane
     if "dni" not in data or data["dni"].isna().any():
         raise HeliosweepError(f"{service}: the response has no direct normal irradiance, or values are missing")
     header = {

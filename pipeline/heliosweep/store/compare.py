@@ -30,7 +30,7 @@ class Comparison:
     differences : list of str
         One line for each difference in content. The list is empty if the contents are equal.
     notes : list of str
-        Differences that are not counted, for example of values within the tolerances.
+        Differences that do not count, such as values that differ within the tolerances.
     """
 
     a: Path
@@ -105,7 +105,7 @@ def _differences(one: xr.Dataset, two: xr.Dataset, rtol: float, atol: float) -> 
         if a.dims != b.dims:
             yield f"{name}: over {a.dims} in A, over {b.dims} in B; values are not compared"
         elif a.shape != b.shape or ("str" in kinds and kinds[0] != kinds[1]):
-            yield f"{name}: values are not compared, because lengths or types differ"
+            yield f"{name}: values are not compared because lengths or types differ"
         else:
             yield from _values(str(name), a, b, rtol, atol)
 

@@ -1,8 +1,8 @@
-"""Result folder: files, lock, manifest, status, protection of other files, computed chunks, and the result itself.
+"""Result folder: chunks, lock, manifest, status, protection of other files, and the result.
 
-Each chunk is an ``.npz`` file in a folder whose name depends on the study and the code. A file appears under its name
-only when it is complete, and each array in it has a CRC-32. A killed run therefore leaves only complete chunks. A
-damaged chunk is detected when it is read, and is computed again.
+Each chunk is an ``.npz`` file in a folder whose name depends on the study and the code. Chunks are written atomically,
+so a killed run leaves only complete chunks. Each array has a CRC-32 checksum. A damaged chunk is therefore detected
+when it is read, and is recomputed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from heliosweep.files import LIBRARY_LOCK, human_bytes, named_in, user_path, wri
 from heliosweep.grid import Cut, human_seconds
 from heliosweep.lazy import xr
 
-#: Prefix of folders with chunks, and name of the file in these folders that describes the study and the chunks.
+#: Prefix of chunk folders, and name of the file in a chunk folder that describes the study and the chunks.
 CHUNKS, RECORD = "chunks-", "plan.json"
 
 
@@ -51,7 +51,7 @@ class ChunkStore:
         self.folder = folder
 
     def create(self, cuts: Mapping[str, Cut], **about: Any) -> dict[str, Cut]:
-        """Create the folder if necessary, and return the cuts stored in an existing folder, otherwise `cuts`."""
+        """Create the folder and return `cuts`, or return the stored cuts if the folder exists."""
         with suppress(OSError, ValueError, TypeError, KeyError):
             return {kind: Cut(**lengths) for kind, lengths in self.record["cuts"].items()}
         content = {"cuts": {kind: vars(cut) for kind, cut in cuts.items()}, **about}
@@ -64,7 +64,7 @@ class ChunkStore:
 
     @property
     def record(self) -> dict[str, Any]:
-        """Return the study and the cuts of the chunks. Raises OSError or ValueError if the file is damaged."""
+        """Description of the study and the chunks. Raises OSError or ValueError if the file is damaged."""
         content: dict[str, Any] = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
         return content
 
@@ -89,7 +89,7 @@ class ChunkStore:
             return None
 
     def seconds_left(self) -> float | None:
-        """Return the estimated time for the missing chunks at the speed of the last chunks, or None if unknown. [s]"""
+        """Estimate the time for the missing chunks from the last 20 chunks [s]. Returns None if unknown."""
         times = sorted(path.stat().st_mtime for path in self.folder.glob("*.npz"))
         missing = self.record.get("chunks", 0) - len(times)
         last = times[-20:]
@@ -100,11 +100,11 @@ class ChunkStore:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-#: Default parent of result folders, below the working directory. Only this folder has an index.
+#: Default parent folder of result folders, in the working directory. Only this folder has an index page.
 OUTPUTS = "outputs"
-#: Files in a result folder: data set, manifest, study of the best point of a search, and lock.
+#: Files in a result folder: data set, manifest, study file of the best point of a search, and lock.
 RESULT, MANIFEST, BEST, LOCK = "result.nc", "manifest.json", "best.yaml", ".heliosweep.lock"
-#: Names of a result's study file in the folder of a run and in an unpacked archive.
+#: Names of the study file in a result folder and in an unpacked archive.
 STUDIES = ("study.resolved.yaml", "study.yaml")
 #: Files that describe a result and are removed when another result replaces it.
 DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
@@ -112,12 +112,13 @@ DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Lock a result folder when no other run uses the folder. The system releases the locks of killed processes.
+    """Lock a result folder, and wait while another run holds the lock.
 
-    Raises HeliosweepError if the process is a worker process that is still starting.
+    The operating system releases the locks of killed processes. Raises HeliosweepError if the process is a worker
+    process that is still starting.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise HeliosweepError('a script that runs a study must do this below `if __name__ == "__main__":`')
+        raise HeliosweepError('a script must call the functions that run studies below `if __name__ == "__main__":`')
     lock = FileLock(folder / LOCK, mode=0o666)
     try:
         lock.acquire(timeout=0.5)
@@ -136,7 +137,7 @@ def is_locked(folder: Path) -> bool:
     if not path.is_file():
         return False
     try:
-        with FileLock(path, timeout=0.1, mode=0o666):  # another process may ask at the same time
+        with FileLock(path, timeout=0.1, mode=0o666):  # another process may check the lock at the same time
             return False
     except Timeout:
         return True
@@ -145,13 +146,13 @@ def is_locked(folder: Path) -> bool:
 
 
 def manifest_text(content: Mapping[str, Any]) -> str:
-    """Return the text of a manifest as sorted, indented JSON with its digest."""
+    """Return a manifest as sorted, indented JSON text with its digest."""
     sealed = {**content, "digest": manifest_digest(content)}
     return json.dumps(sealed, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
 
 
 def manifest_digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a manifest without its digest."""
+    """Return the SHA-256 digest of a manifest, excluding the stored digest."""
     body = {key: value for key, value in content.items() if key != "digest"}
     return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
 
@@ -171,7 +172,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """Create a result folder, and remove it if it remains empty. Raises StudyError if the folder is not writable."""
+    """Create a result folder, and remove it if it is empty after an error. Raises StudyError if it is not writable."""
     created: list[Path] = []
     try:
         try:
@@ -180,7 +181,7 @@ def made(folder: Path) -> Iterator[None]:
             with TemporaryFile(dir=folder):
                 pass
         except OSError as error:
-            problem = f"cannot write there: {error.strerror}; give another folder with --output"
+            problem = f"cannot be written: {error.strerror}; give another folder with --output"
             raise StudyError(Problem(problem, file=str(folder))) from None
         yield
     except BaseException:
@@ -196,26 +197,26 @@ def made(folder: Path) -> Iterator[None]:
 def check_contents(folder: Path, study: Study, force: bool) -> None:
     """Raise StudyError if a run would replace inputs of the study, or files that do not belong to a result.
 
-    If `force` is True, the run may replace any file whose name is the name of a result file.
+    If `force` is True, the run may replace existing files that have the names of result files.
     """
     inputs = {study.resolve(name).resolve() for names in study.files().values() for name in names}
     if study.source.path:
         inputs |= {path.resolve() for path in (study.source.path, *study.source.bases)}
-    remedy = "or give another folder with --output"
+    remedy = "give another folder with --output"
     for place in (folder / name for name in (*DESCRIPTIONS, RESULT)):
         if any(place.resolve() in (path, *path.parents) for path in inputs):
-            raise StudyError(Problem(f"is an input of the study that the run would replace, {remedy}", file=str(place)))
+            raise StudyError(Problem(f"is an input of the study that the run would replace: {remedy}", file=str(place)))
         if place.is_dir():
-            raise StudyError(Problem(f"is a folder that is not a result: move it away, {remedy}", file=str(place)))
+            raise StudyError(Problem(f"is a folder, not a result file: move it away, or {remedy}", file=str(place)))
     if force or any(folder.glob(f"{CHUNKS}*")) or (folder / MANIFEST).is_file():
         return
     if foreign := [name for name in (RESULT, *DESCRIPTIONS) if (folder / name).exists()]:
-        problem = f"contains {', '.join(foreign)} without a manifest; {FORCE} replaces existing files, {remedy}"
+        problem = f"contains {', '.join(foreign)} without a manifest: use {FORCE} to replace them, or {remedy}"
         raise StudyError(Problem(problem, file=str(folder)))
 
 
 def page_head(page: Path) -> tuple[str, str]:
-    """Return the title and headline of a page, or empty strings without a page. No report library is imported."""
+    """Return the title and headline of a page, or empty strings if the page cannot be read."""
     head = ""
     with suppress(OSError), page.open(encoding="utf-8", errors="replace") as file:
         head = file.read(8192)
@@ -237,9 +238,9 @@ class Status:
     detail : str
         Description of the status.
     done, total : int
-        Number of stored chunks, and number of all chunks.
+        Number of stored chunks and total number of chunks.
     seconds_left : float, optional
-        Estimated time for the missing chunks at the speed of the last chunks, or None if unknown. [s]
+        Estimated time for the missing chunks, or None if unknown. [s]
     """
 
     folder: Path
@@ -251,7 +252,7 @@ class Status:
 
 
 def status_of(folder: Path) -> Status:
-    """Return the status of a result folder. No exception is raised if the folder is damaged."""
+    """Return the status of a result folder. A damaged folder does not raise an exception."""
     try:
         running, store = is_locked(folder), unfinished(folder)
         if (folder / MANIFEST).exists() and not (running and store):
@@ -288,7 +289,7 @@ def target_file(
     endings: Sequence[str] = (".csv",),
     sources: Iterable[str | os.PathLike[str]] = (),
 ) -> Path:
-    """Return the path of a file to write.
+    """Check and return the path of a file to write.
 
     Parameters
     ----------
@@ -334,23 +335,23 @@ def target_file(
 
 
 def sources_of(study: Study) -> set[Path]:
-    """Return the study file, the included studies, and the input files of all these studies."""
+    """Return the study file, its included studies, and the input files of all of them."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
     from heliosweep.config.load import file_names
     from heliosweep.config.source import read
 
     for path in (study.source.path, *study.source.bases) if study.source.path else ():
-        written = read(path).data  # the study contains sites instead of the weather files
+        written = read(path).data  # in the loaded study, sites have replaced the weather files
         paths |= {path, *(named_in(path.parent, name) for _, name in file_names(type(study), written))}
     return paths
 
 
 def is_netcdf(path: Path) -> bool:
-    """Return True if a file has the signature of NetCDF."""
+    """Return True if a file starts with a NetCDF signature."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(8).startswith((b"\x89HDF", b"CDF"))  # signatures of HDF5-based and of classic files
+        return file.read(8).startswith((b"\x89HDF", b"CDF"))  # signatures of HDF5-based and classic files
 
 
 def locate(path: str | os.PathLike[str]) -> Path:
@@ -362,7 +363,7 @@ def locate(path: str | os.PathLike[str]) -> Path:
         left = "; its run is not finished" if unfinished(place) else ""
         if (place / "result.zarr").exists():
             left = " in NetCDF; open result.zarr of version 0.1 with xarray.open_zarr, or run the study again"
-        raise StudyError(Problem(f"holds no result{left}", file=str(place)))
+        raise StudyError(Problem(f"contains no result{left}", file=str(place)))
     return place / RESULT if place.is_dir() else place
 
 
@@ -393,7 +394,7 @@ def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
     try:
         with LIBRARY_LOCK:
             result = stored = xr.open_dataset(place.absolute(), engine="netcdf4", lock=LIBRARY_LOCK, chunks=chunks)
-    except Exception as error:  # for damaged files, the libraries may raise any type of exception
+    except Exception as error:  # the libraries may raise any exception if a file is damaged
         raise HeliosweepError(f"{place}: is damaged: {reason_of(error)}; run the study again") from error
     old = [str(name) for name in result.variables if "least_tolerance" in str(name)]  # names used by version 0.1
     result = result.rename({name: name.replace("least_tolerance", "minimum_tolerance") for name in old})
@@ -406,25 +407,23 @@ def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
 
 
 def result_digest(path: Path) -> str:
-    """Return the SHA-256 of a file."""
+    """Return the SHA-256 digest of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def check_digest(place: Path) -> None:
-    """Raise HeliosweepError if the digest of a result differs from the digest in its manifest."""
+    """Raise HeliosweepError if the digests of a result and its manifest differ."""
     try:
         recorded = read_manifest(place.parent)["result"]
     except HeliosweepError:
         return
     if recorded["file"] == place.name and recorded["sha256"] != result_digest(place):
-        raise HeliosweepError(
-            f"{place}: is damaged, because its SHA-256 differs from the manifest: run the study again"
-        )
+        raise HeliosweepError(f"{place}: is damaged: its SHA-256 differs from the manifest; run the study again")
 
 
 class Verification(NamedTuple):
-    """Findings of the verification of a result folder. The field `ok` is False if a file is damaged or missing."""
+    """Findings of `verify`. The field `ok` is False if a file is damaged or missing."""
 
     folder: Path
     finished: bool
@@ -432,7 +431,7 @@ class Verification(NamedTuple):
     lines: list[str]
 
     def __str__(self) -> str:
-        verdict = ("all right" if self.finished else "unfinished, no damage so far") if self.ok else "NOT all right"
+        verdict = ("intact" if self.finished else "unfinished, no damage so far") if self.ok else "NOT intact"
         return "\n".join([f"{self.folder}: {verdict}", *(f"  {line}" for line in self.lines)])
 
 
@@ -455,11 +454,11 @@ def verify(folder: str | os.PathLike[str]) -> Verification:
         if not path.exists():
             damage.append(f"{RESULT}: is missing")
         elif result_digest(path) != manifest["result"]["sha256"]:
-            damage.append(f"{RESULT}: is not as written (SHA-256); run the study again")
+            damage.append(f"{RESULT}: differs from the manifest (SHA-256); run the study again")
         else:
-            lines.append(f"{RESULT}: {human_bytes(path.stat().st_size)}, as written (SHA-256)")
+            lines.append(f"{RESULT}: {human_bytes(path.stat().st_size)}, agrees with the manifest (SHA-256)")
         if manifest.get("digest", manifest_digest(manifest)) != manifest_digest(manifest):
-            damage.append(f"{MANIFEST}: is not as written (SHA-256)")
+            damage.append(f"{MANIFEST}: was changed after it was written (SHA-256)")
         if not (place / "report.html").is_file():
             lines.append(f"note: there is no report.html; write it with: heliosweep report {place}")
     except (HeliosweepError, OSError, ValueError) as error:

@@ -1,7 +1,7 @@
-"""Write results to ``result.nc`` with netCDF4, block by block, with their global attributes and manifest.
+"""Write results to ``result.nc`` block by block, with global attributes and a manifest.
 
-The bytes depend only on the values and the library versions, because blocks are always written in the same order. Dask
-is not used for writing, because its NetCDF files differ from run to run.
+The bytes of the file depend only on the values and the library versions, because blocks are always written in the same
+order. Dask is not used for writing, because its NetCDF files differ between runs.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from heliosweep.store.folder import DESCRIPTIONS, MANIFEST, RESULT, STUDIES, man
 def words_of(family: Any, study: Study) -> dict[str, Any]:
     """Return the global attributes of a result according to CF-1.11 and ACDD-1.3.
 
-    The attributes contain no clock time, host, user or path, so that repeated runs give equal files. The manifest
-    contains this information instead.
+    The attributes contain no clock time, host, user or path, so repeated runs give equal files. Time and platform are
+    recorded in the manifest.
     """
     keywords = ("concentrating solar power", "solar tracking", *family.keywords)
     given = study.dataset.keywords if study.dataset else ()
@@ -113,7 +113,7 @@ def _period(study: Study) -> dict[str, str]:
 def write_manifest(folder: Path, study: Study, result: Path, content: Mapping[str, Any]) -> None:
     """Write ``manifest.json`` and the resolved study. Raises HeliosweepError if a file cannot be written.
 
-    The mapping `content` is the manifest without the entries for the result and the environment.
+    The mapping `content` contains all manifest entries except the command, the environment and the result.
     """
     recorded = {"file": result.name, "bytes": result.stat().st_size, "sha256": result_digest(result)}
     called = Path(sys.argv[0])
@@ -149,8 +149,8 @@ def finished(folder: Path) -> tuple[Path | None, dict[str, Any]]:
 def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[str, Any]:
     """Return the inputs that determine the bytes of a study's result.
 
-    The keys ``study_id`` and ``study`` describe the study, and ``code`` the versions of the code. The key ``output``
-    describes stored variables and their format, and ``attributes`` contains the global attributes.
+    The keys ``study_id`` and ``study`` describe the study, and ``code`` contains the versions of the code. The key
+    ``output`` describes the stored variables and their format, and ``attributes`` contains the global attributes.
     """
     canonical = study.canonical()
     # the study and the code, which are compared separately, determine these attributes
@@ -165,7 +165,7 @@ def identity_of(study: Study, words: Mapping[str, Any], *modules: str) -> dict[s
 
 
 def changes(before: Any, after: Any, key: str = "") -> list[str]:
-    """Return one line for each key whose value differs in two mappings, such as ``receiver.height: 60 -> 70``."""
+    """Return one line for each key that differs in two mappings, such as ``receiver.height: 60 -> 70``."""
     if isinstance(before, Mapping) and isinstance(after, Mapping):
         prefix = f"{key}." if key else ""
         pairs = ((name, before.get(name), after.get(name)) for name in {**after, **before})
@@ -188,7 +188,7 @@ def _words(value: Any) -> str:
 
 
 def summary(about: str, study: Study) -> str:
-    """Return the subject and the period of a study on one line. The period is omitted if the study has no clock."""
+    """Return a line with the subject and period of a study. The period is omitted if the study has no clock."""
     said, time = " ".join(about.split()), getattr(study, "time", None)
     if isinstance(time, SolarTime | CivilTime):
         period = dates(time)
@@ -201,7 +201,7 @@ def summary(about: str, study: Study) -> str:
 
 
 def dates(time: SolarTime | CivilTime) -> str:
-    """Return a description of the dates, the days of the year or the solar declinations of a study."""
+    """Describe the dates, days of the year or solar declinations of a study."""
     if isinstance(time, CivilTime):
         listed = list(map(str, time.date_list()))
         if len(listed) <= 4:
@@ -240,7 +240,7 @@ def write_result(
     blocks : iterable of (Piece, mapping of str to array)
         All blocks of the result in the order of the file, with the values of their variables.
     coordinates : xarray.Dataset
-        Coordinates and global attributes of the result, in memory.
+        Coordinates and global attributes of the result, loaded into memory.
     variables : mapping of str to Variable
         Data variables in the order of the result.
     sizes : mapping of str to int
@@ -283,7 +283,7 @@ def write_result(
         finally:
             with LIBRARY_LOCK, suppress(OSError, RuntimeError):
                 if file.isopen():
-                    file.close()  # closing the file writes data, and fails again if the disk is full
+                    file.close()  # closing the file writes data, which fails again if the disk is full
         # If a run is killed here, the folder has no manifest, and the next run starts again.
         for name in DESCRIPTIONS:
             (folder / name).unlink(missing_ok=True)
@@ -298,7 +298,7 @@ def _define(
     chunks: Mapping[str, int],
     level: int,
 ) -> None:
-    """Define all variables. Time series are stored in `chunks`, compressed at `level`, if `chunks` is not empty."""
+    """Define all variables. If `chunks` is not empty, time series are stored in chunks and compressed at `level`."""
     file.set_auto_maskandscale(False)
     file.set_fill_off()  # each value is written exactly once
     file.setncatts(dict(coordinates.attrs))

@@ -1,4 +1,4 @@
-// Search, order and groups of the list of studies; without it the list is whole, the latest first.
+// Search, sort and group the list of studies. Without this script, the page lists all studies, latest first.
 const list = document.querySelector('.studies');
 const all = [...list.children];
 const form = document.querySelector('.finder');

@@ -1,4 +1,4 @@
-// Show the chosen variable at the chosen values: Bokeh runs this at the start and after each choice.
+// Show the selected variable at the selected values. Bokeh runs this script at the start and after each selection.
 const quantity = quantities[choose.value];
 const at = {};
 for (const [dim, select] of Object.entries(selects)) {
@@ -11,7 +11,7 @@ const words = (value, unit) => {
   const text = size && (size < 1e-3 || size >= 1e6) ? value.toExponential(3) : String(Number(value.toPrecision(5)));
   return text.replace('-', '\u2212') + (unit && !unit.startsWith('\u00b0') ? '\u00a0' : '') + unit;
 };
-// Values along some dimensions, the last of which runs fastest.
+// Return the values along the given dimensions; the last dimension varies fastest.
 const slice = ({ strides, values }, along, fixed) => {
   let places = [0];
   for (const [dim, index] of Object.entries(fixed)) if (dim in strides && !along.includes(dim)) places[0] += index * strides[dim];
