@@ -163,8 +163,10 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
         return
     data = result.isel({EVALUATION: shown}).reset_coords(keys)
     named = [data[name].rename(name.removeprefix("field_")).assign_attrs({SOURCE: name}) for name in goals]
-    which = "on the front" if others else "that satisfy all bounds"
-    note = f"{len(shown)} of {len(order):,} evaluations {which} are shown."
+    note = (
+        f"{len(shown)} of {len(order):,} evaluations {'on the front' if others else 'that satisfy all bounds'} "
+        "are shown."
+    )
     label = "Along the front" if others else "The best evaluations"
     yield numbers(data, [EVALUATION], [*(data[name] for name in keys), *named], label, [note], digits=5)
 
