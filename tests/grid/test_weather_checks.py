@@ -123,6 +123,6 @@ def test_direct_irradiance_on_the_horizontal_plane_is_told(checked):
     Path("low.csv").write_text(real(0, lambda ghi, dhi, dni: dni / 4))
     notes = checked(REAL_SITE, CLOCK, "weather: {file: low.csv, label: middle}").notes()
     assert any(
-        re.match(r"low.csv: the DNI never exceeds \d+ W/m2: check that it is not the horizontal", note)
+        re.match(r"low.csv: the DNI never exceeds \d+ W/m2: check that the column does not contain horizontal", note)
         for note in notes
     )
