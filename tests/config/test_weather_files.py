@@ -71,7 +71,7 @@ def test_other_clocks(head, form):
     file = read_weather(written("a.csv", "\n".join([f"{head};DNI", *rows])), label="start", timezone="+01:00")
     np.testing.assert_array_equal(file.utc, (hours - pd.Timedelta(minutes=30)).to_numpy("datetime64[ns]"))
     np.testing.assert_array_equal(file.dni, MEANS[:744])
-    assert file.notes == (("has no year: read as 2021",) if head == "Month;Day;Hour" else ())
+    assert file.notes == (("has no year: 2021 is assumed",) if head == "Month;Day;Hour" else ())
 
 
 def test_hourly_files_of_pvgis_with_two_axes():

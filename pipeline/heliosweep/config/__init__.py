@@ -1,9 +1,9 @@
-"""Read study files in strict YAML, and return validated, immutable studies.
+"""Read study files written in strict YAML, and return validated, immutable studies.
 
-The module ``source`` parses the text, and ``values`` converts values with their units and sweeps. The modules
-``blocks``, ``times``, ``sites``, ``sample`` and ``study`` declare the keys of a study. The
-modules ``tables`` and ``weather_files`` read other input files, and ``load`` reports every problem with its line and
-column. Families import all names of the study format from this package.
+The module ``source`` parses the text, and ``values`` converts values with units and sweeps. The modules ``blocks``,
+``times``, ``sites``, ``sample`` and ``study`` declare the keys of a study. The modules ``tables`` and ``weather_files``
+read other input files, and ``load`` reports every problem with its line and column. Families import all names that
+define the study format from this package.
 """
 
 from heliosweep.config.blocks import (

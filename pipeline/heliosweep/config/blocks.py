@@ -224,7 +224,7 @@ class Heliostat(Block):
         float | Sweep | None,
         Quantity(
             "Height of the mirror centre above the heliostat's base (default: the layout column 'pivot_height'). The "
-            "height of the base is z in the layout; give 0 if z is the height of the mirror centre",
+            "height of the base is z in the layout; set to 0 if z is the height of the mirror centre",
             "m", ge=0, title="height of the mirror centre above the heliostat's base",
         ),
     ] = None  # fmt: skip
@@ -387,7 +387,7 @@ OWN = "LicenseRef-"
 
 
 def _matched(expression: str, example: str, raw: Any) -> str:
-    """Return the text matched by the group of an expression, or by the whole expression if it has no group.
+    """Return the text matched by the group of an expression, or by the whole expression without a group.
 
     Raises Invalid if the expression does not match.
     """
@@ -473,7 +473,7 @@ _Heliostats = Annotated[
 ]
 _InnerRadius = Annotated[
     float | Sweep,
-    Quantity("Radius of the circle without heliostats around the tower", "m", ge=0, title="inner radius"),
+    Quantity("Radius of the area around the tower without heliostats", "m", ge=0, title="inner radius"),
 ]
 
 
@@ -519,15 +519,15 @@ class RadialStagger(Block):
             ),
             {
                 "delsol": "the empirical spacing of DELSOL3 (Kistler 1986)",
-                "no_blocking": "rings as close as possible without blocking by the heliostat in front at the "
-                "same azimuth",
+                "no_blocking": "rings as close as possible without blocking by the heliostat in front at the same "
+                "azimuth",
             },
             title="spacing of the rings",
         ),
     ] = None
 
     def rules(self) -> Iterable[Fault]:
-        """Check that the extent, the radius of the first ring, and the spacing are each defined at most once."""
+        """Check that at most one key defines the extent, the first radius is given, and zones have no spacing rule."""
         given = [key for key in ("rings", "heliostats", "zones") if getattr(self, key) is not None]
         return when(
             (len(given) > 1,
@@ -623,7 +623,7 @@ class Terrain(Block):
     ] = None  # fmt: skip
 
     def rules(self) -> Iterable[Fault]:
-        """Check that the terrain is either a grid, or a slope with its azimuth."""
+        """Check that the terrain is either a height grid or a slope with an azimuth."""
         one = (self.file is None) != (self.slope is None)
         both = "'slope' and 'azimuth' must be given together: steepness and direction of the slope"
         return when(

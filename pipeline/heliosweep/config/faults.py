@@ -36,7 +36,7 @@ SYNONYMS = {
     "tower": "give 'receiver.height', the height of the aim point above the tower's base",
     "reflectance": "give 'optics.reflectivity'",
     "slope": "give 'optics.slope_error', in mrad",
-    "pixel": "specify sizes of the camera in 'camera'; spot positions are in metres",
+    "pixel": "specify the dimensions of the camera in 'camera'; spot positions are in metres",
     "dni": "specify the direct irradiance in 'weather', or in 'design_point.dni' for a single instant",
     "haurwitz": "the haurwitz model computes only the global irradiance, not the direct irradiance",
     "related": "list publications in 'references'",
@@ -58,7 +58,7 @@ Path = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Fault:
-    """Fault in a value, or in part of a value.
+    """Fault in a value or in part of a value.
 
     Parameters
     ----------

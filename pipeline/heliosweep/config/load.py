@@ -323,7 +323,7 @@ def _zip_problems(study: Study) -> Iterator[Problem]:
                 hint = did_you_mean(meant, [*sweeps, *by_name]) or ": list swept keys, such as site.latitude"
                 yield study.problem(f"zip[{i}][{j}]", f"is not a swept key{hint} (got {shown(entry)})")
             elif key in seen:
-                yield study.problem(f"zip[{i}][{j}]", f"is tied twice (got {shown(entry)})")
+                yield study.problem(f"zip[{i}][{j}]", f"is listed twice (got {shown(entry)})")
             seen.add(key)
         members = [key for key in keys if key]
         if len(group) < 2:
@@ -345,7 +345,7 @@ def _repeats(study: Study) -> Iterator[Problem]:
         rows = enumerate(zip(*lists.values(), strict=True))
         if again := next((row for row, values in rows if first.setdefault(values, row) != row), None):
             key, tied = next(iter(lists)), f" with the same {' and '.join([*lists][1:])}" * (len(lists) > 1)
-            remedy = "" if tied else ": tie it by 'zip' to a key that differs"
+            remedy = "" if tied else ": use 'zip' to tie it to a key with different values"
             yield study.problem(f"{key}[{again}]", f"{TWICE}{tied}{remedy} (got {shown(lists[key][again])})")
 
 

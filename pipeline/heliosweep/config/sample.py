@@ -263,7 +263,7 @@ def drawn_keys(study: Study) -> dict[str, Drawn]:
 
 
 def columns_of(study: Study) -> dict[str, str]:
-    """Map each drawn key to the key of its design column, which is the first of the keys that `zip` ties together."""
+    """Map each drawn key to the key of its design column. Keys tied by `zip` share the column of the first key."""
     keys = list(drawn_keys(study))
     first = {key: min(group, key=keys.index) for group in study.tied_keys() if group[0] in keys for key in group}
     return {key: first.get(key, key) for key in keys}
@@ -297,7 +297,7 @@ def sample_problems(study: Study) -> Iterator[Problem]:
 
 
 def _group_problems(study: Study, sample: Sample, columns: Mapping[str, str]) -> Iterator[Problem]:
-    """Yield a problem for each invalid group, and for each key in a correlation or group that is tied or not drawn."""
+    """Yield a problem for each invalid group, and for each tied or undrawn key in a correlation or group."""
     drawn = list(dict.fromkeys(columns.values()))
     members = {f"groups.{name}[{j}]": key for name, keys in sample.groups.items() for j, key in enumerate(keys)}
     pairs = {f"correlation[{i}][{j}]": str(pair[j]) for i, pair in enumerate(sample.correlation) for j in (0, 1)}

@@ -197,7 +197,7 @@ class Weather(Block):
     ] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check that keys for weather files are given only with a file, and that `label` excludes `offset`."""
+        """Check that keys for weather files are given only with a file, and that `offset` is not given with `label`."""
         return when(
             *((self.file is None and getattr(self, key) is not None,
                Fault("applies only to a weather file: remove it", (key,))) for key in ("label", "offset", "timezone")),

@@ -372,12 +372,12 @@ def plain(value: Any, rewrite: Callable[[Parameter | None, Any], Any] = lambda _
 
 
 def yaml_text(content: Mapping[str, Any]) -> str:
-    """Return plain data as the text of a study file."""
+    """Convert plain data to the text of a study file."""
     return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML writer without aliases, which quotes strings that the strict reader would convert to other types."""
+    """YAML writer that uses no aliases and quotes strings that the strict reader would convert to other types."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -417,7 +417,7 @@ class _StudySchema(GenerateJsonSchema):
 
 @dataclass(frozen=True)
 class Key:
-    """Description of a key of a study file.
+    """Description of a study key.
 
     Parameters
     ----------

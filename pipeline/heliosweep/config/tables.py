@@ -471,7 +471,7 @@ _COLUMNS = {
 
 
 class SunProfile(NamedTuple):
-    """Radial brightness profile of the sun, as given in a file."""
+    """Radial brightness profile of the sun, read from a file."""
 
     #: Angles from the disc centre, increasing from 0. [rad]
     angle: tuple[float, ...]

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 #: Maximum number of values in a sweep.
 MAX_POINTS = 10**6
 _FORMS = "a range is {start, stop, step}, {start, stop, num} or {logspace: {start, stop, num}}"
-_ON_STEP = Fraction("1e-9")  # maximum rounding error of the distance from the last step to `stop` [steps]
+_ON_STEP = Fraction("1e-9")  # maximum distance from the last step to `stop` that is treated as rounding error [steps]
 #: Message for a list with duplicate values.
 TWICE = "the list contains the same value twice"
 ReadNumber = Callable[[Any], float]
@@ -120,8 +120,8 @@ def ends(value: Any) -> tuple[Any, ...]:
 def even_range(start: float, stop: float, num: int, *, reaches: bool = True) -> Sweep:
     """Return `num` evenly spaced values from `start` to `stop`, including both.
 
-    Values are computed exactly and rounded once, unless they have too many digits. For example, 41 values from 8 to 16
-    include 8.6, not 8.600000000000001.
+    Values are computed exactly and rounded once, unless they have too many digits for exact float64 arithmetic. For
+    example, 41 values from 8 to 16 include 8.6, not 8.600000000000001.
     """
     first, last = _fraction(start), _fraction(stop)
     step = (last - first) / max(num - 1, 1)
@@ -452,7 +452,7 @@ def _discrete(raw: Any, read: Callable[[Any], Any]) -> Drawn:
 
 
 _DEG_PER_RAD = Decimal("57.295779513082320876798154814105170332405")
-# Decimal factors that convert each unit to the first unit of its kind. Decimals make "38 ft" exactly 11.5824 m.
+# Factors that convert each unit to the first unit of its kind. In decimal arithmetic, "38 ft" is exactly 11.5824 m.
 _KINDS: dict[str, dict[str, Any]] = {
     "a length": {"m": 1, "mm": "0.001", "cm": "0.01", "km": 1000, "in": "0.0254", "ft": "0.3048"},
     "an angle": {
@@ -551,7 +551,7 @@ class Parameter:
     _SWEPT: ClassVar[Any] = list | tuple
 
     def read(self, raw: Any) -> Any:
-        """Convert data of the study file to a value, a sweep or a distribution. Raises Invalid."""
+        """Convert data from the study file to a value, a sweep or a distribution. Raises Invalid."""
         if is_distribution(raw):
             require(self.sweep, "must be a single value and cannot be drawn from a distribution")
             return self._drawn(raw)
@@ -605,7 +605,7 @@ def list_schema(one: Mapping[str, Any]) -> Schema:
 
 
 def object_schema(description: str, required: Mapping[str, Any], optional: Mapping[str, Any] | None = None) -> Schema:
-    """Return the JSON Schema of a mapping that allows no unknown keys."""
+    """Return the JSON Schema of a mapping that does not allow unknown keys."""
     properties = {"properties": {**required, **(optional or {})}, "required": list(required)}
     return {"type": "object", "description": description, "additionalProperties": False, **properties}
 
@@ -625,7 +625,7 @@ class Text(Parameter):
     Parameters
     ----------
     form : callable
-        Function that converts data of the study file to a string, or raises Invalid.
+        Function that converts data from the study file to a string or raises Invalid.
     """
 
     form: Callable[[Any], str] = field(default=free_text, kw_only=True)
@@ -900,7 +900,7 @@ class ListOfNumbers(Numbers):
     Parameters
     ----------
     entries : int, optional
-        Required number of entries (default: any number of at least one).
+        Required number of entries (default: one or more).
     """
 
     entries: int | None = field(default=None, kw_only=True)

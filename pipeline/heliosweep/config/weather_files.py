@@ -250,7 +250,7 @@ def _read_table(sheet: Sheet, lines: list[str]) -> None:
 
 
 def _header_row(lines: Sequence[str]) -> int | None:
-    """Return the index of the first line with titles for DNI and time, or for only one of them; None if absent."""
+    """Return the index of the first line with titles for DNI and time, or for one of the two; None if absent."""
     titles = [_fields(line, separator_of(line)) for line in (_COMMENT.sub("", line) for line in lines[:200])]
     keys = [_keys(row) if len(row) > 1 else set[str]() for row in titles]
     whole = (at for at, found in enumerate(keys) if "dni" in found and found & {"time", "date", "day", "hour"})
@@ -430,7 +430,10 @@ def read_weather(
     table.check_header(COLUMNS, others=True)
     if table.header[:1] == [""] and not {"time", "date", "hour"} & {*table.header}:
         table.header[0] = "time"  # the index of a pandas table
-    tracked = "has no DNI: PVGIS provides the DNI as Gb(n) in typical years, and as Gb(i) with components and two axes"
+    tracked = (
+        "has no DNI: PVGIS provides the DNI as Gb(n) in typical years, and as Gb(i) if components and two axes are "
+        "selected"
+    )
     table.require(sheet.kind != "PVGIS" or "dni" in table.header, tracked)
     table.check_rows()
     if {"time", "date"} & {*table.header}:
@@ -478,7 +481,7 @@ def _mark_of_hours(table: Table, sheet: Sheet, notes: list[str]) -> str:
     """Return the part of the interval marked by the hours in a file, and add a note on unusual conventions."""
     first, last = _hours(table)
     if "year" not in table.header:
-        notes.append(f"has no year: read as {YEAR}")
+        notes.append(f"has no year: {YEAR} is assumed")
     if sheet.kind == "EPW":
         minutes = numbers(table.texts("minute"))
         single = np.all(minutes == minutes[0])
