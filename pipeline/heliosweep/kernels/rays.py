@@ -733,8 +733,9 @@ def trace(
             _blockers(begin, end, beams, field, spheres, grid, names, rank, found, limits, firsts, blockers)
         turn = np.empty((0, 0, 2))
         if len(scene.mounts):
+            vectors = scene.centre, scene.target, scene.mounts
             turn = pointing_turns(
-                *(np.array(each[begin:end], np.float64) for each in (scene.centre, scene.target, scene.mounts)),
+                *(np.array(each[begin:end], np.float64, order="C") for each in vectors),
                 scene.tracking, sun[first:last], begin + first, stride,
             )  # fmt: skip
         flux = np.zeros((end - begin if images else 1, REPLICATES, *(cells or (0, 0))), np.int64)

@@ -19,12 +19,13 @@ PLANT: dict[str, Any] = {
     "receiver": {**BLOCKS["receiver"], "absorptance": 0.94, "thermal_losses": {"per_area": 10}},
 }  # fmt: skip
 LOST = 10e-3 * 2 * np.pi * 1 * 3
+OUTPUT = {"field_geometry": True, "flux_map": {"columns": 4, "rows": 3}}
 
 
 @pytest.fixture(scope="module")
 def plant(small) -> xr.Dataset:
-    output = {"field_series": True, "field_geometry": True}
-    return computed(small(**PLANT, economics={"operation_cost": 1000, "currency": "USD"}, output=output))
+    economics, output = {"operation_cost": 1000, "currency": "USD"}, {"field_series": True, **OUTPUT}
+    return computed(small(**PLANT, economics=economics, output=output))
 
 
 def test_heat_is_the_absorbed_power_less_the_losses_at_each_instant(plant):
@@ -42,7 +43,7 @@ def test_heat_is_the_absorbed_power_less_the_losses_at_each_instant(plant):
 
 
 def test_other_results_are_those_of_a_field_without_losses(plant, small):
-    plain = computed(small(**{**PLANT, "receiver": BLOCKS["receiver"]}, output={"field_geometry": True}))
+    plain = computed(small(**{**PLANT, "receiver": BLOCKS["receiver"]}, output=OUTPUT))
     for name in plain.data_vars:
         found = plant[name].isel(stage=slice(7)) if "stage" in plant[name].dims else plant[name]
         np.testing.assert_array_equal(found, plain[name], err_msg=name)

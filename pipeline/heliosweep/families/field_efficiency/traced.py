@@ -434,9 +434,10 @@ class TracedField(NamedTuple):
     def maps(self) -> dict[str, Any]:
         """Return flux maps, peak and mean flux, and standard errors by variable name; NaN if the sun is down."""
         found, values, wanted = dict[str, Any](), self.way.values, self.study.output.flux_map
-        for name, (flux, unit) in (self.light or {}).items() if wanted is not None else ():
+        for name, light in (self.light or {}).items() if wanted is not None else ():
             if name == "sums":
                 continue
+            flux, unit = light
             around = 2.0 * np.pi * values["radius"] if self.study.receiver.kind == "cylinder" else values["width"]
             pairs: dict[str, Any] = {name: rays.mean_error(flux)}
             if name == "flux_map":
