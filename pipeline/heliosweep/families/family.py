@@ -156,7 +156,7 @@ class Points:
         return cast("T", self._once[name])
 
     def column(self, key: str) -> tuple[tuple[str, ...], np.ndarray | None]:
-        """Return the dimensions along which a key varies, and its values over all swept dimensions (None if unset)."""
+        """Return the swept dimensions of a key, and its values over all swept dimensions (None if unset)."""
         if key not in self._columns:
             if not key.startswith(("site.", "time.")) and not declares(type(self.study), key):
                 raise StudyError(Problem("is not a key of the study's model", key))
@@ -236,7 +236,7 @@ class Point:
         return self.points.region.get(dim, slice(None))
 
     def put(self, array: np.ndarray, variable: Variable, value: Any) -> None:
-        """Write the values of a variable at the point, or at the points of the group, to `array`."""
+        """Write the values of a variable at the point or group to `array`."""
         kept = [dim in variable.dims for dim in self.points.sizes]
         spans: tuple[Any, ...] = tuple(span for span, keep in zip(self.spans, kept, strict=True) if keep)
         target = array[(*spans, ...)]  # the ellipsis makes the result an array even for a single value
@@ -459,7 +459,7 @@ class Family:
         study : Study
             Validated study.
         inputs : object
-            Return value of `inputs`; this method reads no files.
+            Return value of `inputs`. This method does not read files.
         region : Region
             Slices of the swept dimensions and of the dimension that may be split. Other dimensions are complete.
 
@@ -504,7 +504,7 @@ class Family:
         return made
 
     def answers(self, result: xr.Dataset) -> Iterable[str]:
-        """Return lines with the main results of the study, printed at the end of a run."""
+        """Return the lines with the main results that are printed at the end of a run."""
         return _declared(self._answers, result) or ()
 
     def remarks(self, result: xr.Dataset) -> Iterable[str]:

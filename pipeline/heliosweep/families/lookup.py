@@ -250,13 +250,13 @@ class Sampled(Wrapped):
                 yield f"{what}: the confidence interval of a total index {wider}"
 
     def figures(self, result: xr.Dataset) -> Iterable[Figure]:
-        """Return figures that show the distribution of each result and its sensitivity to each random key."""
+        """Return figures of the distribution of each result and its sensitivity to each drawn key."""
         from heliosweep.report.draws import figures
 
         return [*self.inner.figures_of_draws(result), *figures(result, self.inner.headlines)]
 
     def tables(self, result: xr.Dataset) -> Iterable[Table]:
-        """Return tables with the statistics of each result and the sensitivity indices of each drawn key."""
+        """Return tables of the statistics of each result and the sensitivity indices of each drawn key."""
         from heliosweep.report.draws import tables
 
         return tables(result, self.inner.headlines)
@@ -334,14 +334,14 @@ class Searched(Wrapped):
         ], dtype=float)  # fmt: skip
 
     def wrong(self, study: Any, point: Mapping[str, Any]) -> Problem | None:
-        """Return the problem that makes a point infeasible, such as colliding mirrors, or None if it is feasible."""
+        """Return the problem that makes a point infeasible, such as colliding mirrors, or None."""
         try:
             return next(iter(self.single(study, point).check()), None)
         except StudyError as error:
             return error.problems[0]
 
     def results(self, study: Any) -> dict[str, Variable]:
-        """Return the variables that can be objectives or constraints, with a single number at each point."""
+        """Return the scalar variables, which can be objectives or constraints."""
         one = self.generation(study, [{key: value for key, value, _, _ in _keys(study)}])
         (swept,), sizes = one.dimensions(), self.inner.workload(one).sizes
         return {
@@ -351,7 +351,7 @@ class Searched(Wrapped):
         }
 
     def check(self, study: Any) -> Iterator[Problem]:
-        """Yield a problem for each objective or constraint that is not the name of a scalar result."""
+        """Yield a problem for each objective or constraint that is not a scalar result."""
         search, known = study.search, self.results(study)
         others = self.inner.variables(self.single(study, {}))
         named = [(("search", way), name) for way in ("maximise", "minimise") for name in getattr(search, way)]
@@ -467,7 +467,7 @@ def family_of(study: Study) -> Family:
 
 
 def family_of_result(result: xr.Dataset) -> Family | None:
-    """Return the family of a result, wrapped for its draws or its search, or None if the family is not installed."""
+    """Return the family of a result, wrapped as in `family_of`, or None if the family is not installed."""
     study = json.loads(result.attrs.get("study", "{}"))
     family = families().get(study.get("family"))
     if family is None:

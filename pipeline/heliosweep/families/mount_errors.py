@@ -107,9 +107,9 @@ def standard_normals(
 def standard_deviates(errors: Sequence[object], heliostats: ArrayLike, samples: int, seed: int) -> NDArray[np.float64]:
     """Return standard normal or uniform (-1 to 1) deviates of E errors, shape (H, samples, E).
 
-    The value of an error is ``error.mean + error.width * deviate``. Deviates are 0 for errors that are not drawn. Draws of
-    error i use stream i. `seed` applies to distributions without a seed, and `samples`
-    overrides the number of samples of each distribution.
+    The value of an error is ``error.mean + error.width * deviate``. Deviates are 0 for errors that are not drawn. Draws
+    of error i use stream i. `seed` applies to distributions without a seed, and `samples` overrides the number of
+    samples of each distribution.
     """
     result = np.zeros((np.size(heliostats), samples, len(errors)))
     for stream, error in enumerate(errors):

@@ -187,7 +187,7 @@ def _timezones(study: DishTrackingStudy) -> dict[str, Any]:
 
 
 def _months(study: DishTrackingStudy) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the months that contain the dates, such as 2021-06, and the month index of each date."""
+    """Return the months of the dates, such as 2021-06, and the month index of each date."""
     months, position = np.unique(np.array(study.time.date_list(), "datetime64[M]"), return_inverse=True)
     return months.astype(str).astype(object), position
 
@@ -228,7 +228,7 @@ def factors(point: Point) -> dict[str, Any]:
 
 
 def _energy(point: Point, model: str, place: tuple[float, ...], mount: Sequence[Floats]) -> dict[str, Any]:
-    """Return the intercept efficiency, energy and energy loss of each mount for the sunlit hours of a weather file."""
+    """Return the annual intercept efficiency, aperture energy and energy loss of each mount."""
     weather, sizes = point.inputs, [float(np.ravel(point[key])[0]) for key in _CONCENTRATOR]
     sun = sun_of(point.study.ephemeris, place, weather.utc)
     lit = np.flatnonzero((sun[:, 2] > 0) & (weather.dni > 0))
@@ -284,7 +284,7 @@ def _label_of_least(values: xr.DataArray, dim: str, labels: NDArray[Any]) -> xr.
 
 
 def _statistics(values: Floats, groups: NDArray[np.int64] | None = None) -> tuple[Floats, ...]:
-    """Return mean, sample standard deviation (n - 1), minimum and maximum along the last axis, ignoring NaN.
+    """Return the mean, sample standard deviation, minimum and maximum along the last axis, ignoring NaN.
 
     `groups` contains the group number of each value. If `groups` is given, statistics are computed for each group, and
     the groups are the last axis of the results.

@@ -1,4 +1,4 @@
-"""Figures for dishes, based on Figures 4, 5 and 7 to 13 and Tables 2 and 3 of Liu, Peng and Yan (2022)."""
+"""Figures for dishes, based on the figures and tables of Liu, Peng and Yan (2022)."""
 
 from __future__ import annotations
 

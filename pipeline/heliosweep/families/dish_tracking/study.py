@@ -93,7 +93,7 @@ class DishWindow(Block):
         return self.start == "sunrise"
 
     def rules(self) -> Iterator[Fault]:
-        """Check that start and stop are both sun events, or both wall-clock times that are at least one step apart."""
+        """Check that start and stop are both sun events, or wall-clock times at least one step apart."""
         if self.sunlit != (self.stop == "sunset"):
             yield Fault("must extend from sunrise to sunset, or between two wall-clock times", ("stop",))
         elif not self.sunlit:
@@ -107,7 +107,7 @@ class DishTime(CivilTime):
     daylight_only: Annotated[bool, Flag("True to evaluate only instants with the sun above the horizon")] = False
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the dates ascend, and that a wall-clock window contains a whole number of steps.
+        """Check that the dates increase, and that a wall-clock window contains a whole number of steps.
 
         Inclusive sampling does not require a whole number of steps.
         """
@@ -117,7 +117,7 @@ class DishTime(CivilTime):
             yield Fault("must increase", ("dates",), show_value=False)
 
     def window_seconds(self) -> tuple[float, float, float]:
-        """Return the start and end of the window on the wall clock, counted from midnight, and the time step. [s]"""
+        """Return the start and end of the window, measured from midnight, and the time step. [s]"""
         return (0.0, 86400.0, self.window.step * 3600) if self.window.sunlit else super().window_seconds()
 
 

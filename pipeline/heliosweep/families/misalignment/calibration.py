@@ -209,7 +209,7 @@ def calibration_work(study: MisalignmentStudy) -> Computation:
 
 
 def labels_of(study: MisalignmentStudy, what: str) -> dict[str, Any]:
-    """Return the labels of the estimates' inner dimensions. Long names contain `what`, "spot" or "crossing"."""
+    """Return the labels of the estimates' inner dimensions. `what` is "spot" or "crossing"."""
     error, draws = (np.array(ERRORS, dtype=object), {"long_name": "mount error"}), draw_count(study)
     labels: dict[str, Any] = {"parameter": error, "parameter_2": error}
     if draws:
@@ -228,7 +228,7 @@ def most_spots(campaigns: Mapping[str, MeasuredSpots]) -> int:
 
 
 def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) -> NDArray[np.datetime64]:
-    """Return the start times of the moving windows, which cover all days from the first to the last spot."""
+    """Return the start times of the moving windows. The windows cover the days from the first to the last spot."""
     block: Any = study.calibration
     times = np.concatenate([measured.utc for measured in campaigns.values()])
     first, day = times.min().astype("datetime64[D]").astype("datetime64[ns]"), np.timedelta64(1, "D")
@@ -385,7 +385,7 @@ def command_values(mounts: Mounts, sun: Floats, corrected: Floats) -> Values:
 
 
 def calibrate(variables: dict[str, Variable], point: Point) -> Values:
-    """Estimate the mount errors at one point of the parameter grid, and compute the corrected commands."""
+    """Estimate mount errors and compute corrected commands at one point of the parameter grid."""
     study, scene, block = point.study, Scene.of(point), point.study.calibration
     options = {
         "parameters": int(point["calibration.parameters"]),
@@ -533,7 +533,7 @@ def _medians(values: Floats) -> Floats:
 def _better_reading(
     mounts: Mounts, observed: Observed, given: NDArray[np.bool_], found: Fit, latitude: float, options: dict[str, Any]
 ) -> NDArray[np.int64]:
-    """Return the interpretation of the spot table that fits each heliostat best, as a code of `READINGS`, shape (H,).
+    """Return the code in `READINGS` of the best interpretation of each heliostat's spots, shape (H,).
 
     An alternative interpretation is chosen if its mount errors are plausible and it more than halves the root mean
     square residual. In a mirrored table, the sign of y or z is reversed. For times that are an hour early or late, the
@@ -661,7 +661,7 @@ def detectors_work(study: MisalignmentStudy) -> Computation:
 
 
 def detect(variables: dict[str, Variable], segments: Segments, point: Point) -> Values:
-    """Compute the crossings, the estimated errors and the commands at one point of the parameter grid."""
+    """Compute crossings, estimated errors and commands at one point of the parameter grid."""
     study, scene = point.study, Scene.of(point)
     given = {key: point[f"detectors.{key}"] for key in DEFAULTS}
     settings = DEFAULTS | {key: value for key, value in given.items() if value is not None}
@@ -741,7 +741,7 @@ class _Field(NamedTuple):
         )
 
     def sights(self, mirror: Stand) -> Values:
-        """Return the crossings of each trace with each array, and a status that explains missing crossings."""
+        """Return the crossings of each trace with each array, and the reason for missing crossings."""
         places, turned = self.crossings(mirror)
         lit = np.isfinite(mirror.normal[..., 0]) & (traces.dot(mirror.centre, self.mounts.face[0]) > 0)
         crossed: NDArray[Any] = np.any(np.isfinite(places), axis=-1)  # (H, K, T, 2, A)
@@ -756,7 +756,7 @@ class _Field(NamedTuple):
         }
 
     def remaining(self, mirror: Stand) -> tuple[Floats, Values]:
-        """Return the spots, shape (H, K, T, 2) [m], and the statistics of beam errors over all instants, (H, K)."""
+        """Return the spots, shape (H, K, T, 2) [m], and statistics of the beam errors, shape (H, K)."""
         rays = traces.reflected(mirror.normal, self.sun)
         places = traces.spots(mirror.centre, rays, self.mounts.face)
         places[~(traces.dot(mirror.normal, self.sun) > 0)] = np.nan

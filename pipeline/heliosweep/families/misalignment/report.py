@@ -1,4 +1,4 @@
-"""Figures, tables and warnings for results of any mode, based on Optics Express 27 (8), A257 (2019)."""
+"""Figures, tables and warnings for results of all modes, based on Optics Express 27 (8), A257 (2019)."""
 
 from __future__ import annotations
 
@@ -362,7 +362,7 @@ _QUALITY = {
 
 
 def tables(result: xr.Dataset) -> Iterator[Table]:
-    """Yield a table of estimated errors for a calibration, or a table of hits for drawn mount errors.
+    """Yield a table of estimated errors, or of hit fractions for drawn mount errors.
 
     Other results have no tables.
     """
@@ -396,7 +396,7 @@ def _errors_found(result: xr.Dataset) -> Table:
 
 
 def _hits_of_draws(result: xr.Dataset) -> Table:
-    """Tabulate the hit fraction, the worst heliostat and the spread of the spots on each day for drawn mount errors."""
+    """Tabulate the hit fraction, the worst heliostat and the spread of the spots on each day."""
     context, hits = Context(result), 100.0 * result["day_hit_fraction"].reset_coords(drop=True)
     dims, percent = [str(dim) for dim in hits.dims if dim != HELIOSTAT], {"units": "%"}
     hits = hits.where(np.isfinite(hits)).transpose(..., HELIOSTAT)

@@ -101,7 +101,7 @@ def instant_sizes(study: MisalignmentStudy) -> dict[str, int]:
 
 
 def days_and_hours(study: MisalignmentStudy) -> dict[str, Any]:
-    """Return the labels of the day and hour dimensions, or the length 1 of each dimension if the sun is fixed."""
+    """Return the labels of the day and hour dimensions. If the sun is fixed, return the length 1 of each."""
     time = study.time
     if time is None:
         return {"day": 1, "hour": 1}
@@ -135,7 +135,7 @@ def _wall_seconds(time: CivilTime) -> Floats:
 
 
 def sun_of(point: Point) -> Floats:
-    """Return the unit vectors to the sun (east, north, up) at each day and hour of a point, shape (T, 3). [1]"""
+    """Return the unit vectors to the sun (east, north, up) for each day and hour, shape (T, 3). [1]"""
     time = point.study.time
     if time is None:
         return direction(point["sun.azimuth"], point["sun.elevation"])[np.newaxis]
@@ -227,7 +227,7 @@ _SETTING: dict[str, Callable[[Any], NDArray[Any]]] = {
 
 
 def coded(dims: tuple[str, ...], long_name: str, meanings: Mapping[int, str], comment: str = "") -> Variable:
-    """Return a variable that contains integer codes, with the code -1 for padding entries of shorter layouts."""
+    """Return a variable of integer codes. Padding entries of shorter layouts have the code -1."""
     return replace(flags(dims, long_name, {NO_HELIOSTAT: "no_heliostat", **meanings}, comment), missing=NO_HELIOSTAT)
 
 
@@ -251,13 +251,13 @@ def draw_count(study: MisalignmentStudy) -> int:
 
 
 def error_keys(study: MisalignmentStudy) -> list[str]:
-    """Return the mount error keys that label a result: errors that are not drawn, and the scale of drawn errors."""
+    """Return the mount error keys that label a result: fixed and swept errors, and the scale of drawn errors."""
     drawn = {} if study.mount_errors is None else study.mount_errors.drawn()
     return [f"mount_errors.{name}" for name in (*ERRORS, *["scale"] * bool(drawn)) if name not in drawn]
 
 
 def drawn_errors(point: Point, numbers: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
-    """Yield the mount errors of all heliostats and draws for each point of a group, shape (H, samples, 6). [mrad]"""
+    """Yield the drawn mount errors for each point of a group, shape (H, samples, 6). [mrad]"""
     block = point.study.mount_errors
     deviates = _deviates(block.errors(), tuple(numbers.tolist()), max(1, block.draws()), block.seed or 0)
     scale = values_of(point, "mount_errors.scale")
@@ -430,7 +430,7 @@ def _coordinates(study: MisalignmentStudy) -> dict[str, Any]:
 
 
 def size_dims(study: MisalignmentStudy) -> tuple[str, ...]:
-    """Return the name of the dimension along which only the error size varies; empty if there is none."""
+    """Return a tuple with the dimension along which only the error size varies; empty if there is none."""
     return tuple(dim.name for dim in study.dimensions() if set(dim.sweeps) == {"error.size"})
 
 
@@ -456,7 +456,10 @@ def spot_variables(study: MisalignmentStudy) -> dict[str, Variable]:
 
 
 def spot_values(point: Point, y: Floats, z: Floats, status: Floats) -> dict[str, NDArray[Any]]:
-    """Compute the values of `spot_variables`, shape (*group, heliostats, days, hours), from spots [m] and status."""
+    """Compute the values of `spot_variables` from the spots [m] and their status.
+
+    The spots have the shape (*group, heliostats, days, hours).
+    """
     width, height = (
         0.5 * np.broadcast_to(point[f"receiver.{key}"], point.group)[..., np.newaxis, np.newaxis, np.newaxis]
         for key in ("width", "height_extent")
@@ -469,7 +472,7 @@ def spot_values(point: Point, y: Floats, z: Floats, status: Floats) -> dict[str,
 
 
 def curves(point: Point) -> dict[str, NDArray[Any]]:
-    """Compute the spots at a group of points, and the tolerance, conic and detector crossings of each curve."""
+    """Compute the spots, tolerances, conics and detector crossings at a group of points."""
     study, group, instants = point.study, point.group, tuple(instant_sizes(point.study).values())
     sized = [axis for axis, dim in enumerate(point.points.sizes) if dim in size_dims(study)]
     rest = [axis for axis in range(len(group)) if axis not in sized]
@@ -485,7 +488,7 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
     )
 
     def grouped(values: Floats) -> Floats:
-        """Reshape values for C curves and E error sizes, shape (C, H, T, E, ...), to the shape of the group."""
+        """Reshape values for C curves and E error sizes, shape (C, H, T, E, ...), to the group."""
         values = np.moveaxis(values, 3, 1)
         outer = [group[axis] for axis in (*rest, *sized)]
         values = values.reshape(*outer, values.shape[2], *instants, *values.shape[4:])
@@ -512,7 +515,7 @@ def curves(point: Point) -> dict[str, NDArray[Any]]:
 
 
 def _minimum(study: MisalignmentStudy, tolerance: Floats) -> dict[str, NDArray[Any]]:
-    """Return the minimum tolerance over all instants, shape (C, H), and the first day and hour at which it occurs."""
+    """Return the minimum tolerance over all instants and its first day and hour, shape (C, H)."""
     least = np.where(np.isnan(tolerance), np.inf, tolerance).min(axis=-1)
     first = (tolerance <= least[..., np.newaxis] * (1 + 1e-12)).argmax(axis=-1)  # despite rounding
     made: dict[str, NDArray[Any]] = {"minimum_tolerance": np.where(np.isnan(tolerance).all(axis=-1), np.nan, least)}
@@ -528,7 +531,7 @@ def beams(
     scene: Scene, source: NDArray[np.int64], axis: NDArray[np.int64], sizes: Floats, errors: Floats,
     divergence: Floats, width: Floats,
 ) -> Floats:  # fmt: skip
-    """Return the spot outlines and the trace edges of conical beams, shape (C, H, T, E, OUTLINE + 2, 2). [m]
+    """Return the spot outlines and trace edges of conical beams, shape (C, H, T, E, OUTLINE + 2, 2). [m]
 
     The edges are traced by rays from the two points of the sun that are nearest to and farthest from the error axis.
     While the mirror rotates about an axis in its plane, each edge ray traces a conic. The beam covers the area between

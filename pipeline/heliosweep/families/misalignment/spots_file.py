@@ -1,4 +1,4 @@
-"""Read CSV files of measured spots or crossings, check them, and convert positions along detector arrays."""
+"""Read and check CSV files of measured spots or crossings, and convert positions along detector arrays."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ def read_spots(
     timezone: str = "",
     columns: tuple[tuple[str, str, float, float], ...] = (),
 ) -> MeasuredSpots:
-    """Read measured spots or detector crossings from a CSV file, and compute their sun vectors at a site.
+    """Read measured spots or detector crossings from a CSV file, and compute sun vectors.
 
     The first row contains column titles from `COLUMNS`. The columns ``heliostat``, ``y`` and ``z`` are required,
     together with either ``time`` or all of ``sun_x``, ``sun_y`` and ``sun_z``. The other columns of `COLUMNS` are
@@ -337,7 +337,7 @@ def _check_header(table: Table) -> None:
 
 
 def _unit_vectors(table: Table, sun: Floats) -> Floats:
-    """Normalise the sun vectors, and record a problem for each vector of a wrong length or below the horizon."""
+    """Normalise the sun vectors. Record a problem if the length is wrong or the sun is below the horizon."""
     length = np.sqrt(np.sum(sun**2, axis=1))
     odd = np.abs(length - 1.0) > SUN_LENGTH
     for row in np.flatnonzero(odd | (sun[:, 2] <= 0)).tolist():
@@ -386,7 +386,7 @@ class Segments(NamedTuple):
         return found[0], np.where(np.isnan(found[0]), np.nan, found[1])
 
     def readings(self, places: Floats, noise: Floats | float, pitch: float) -> Floats:
-        """Return the readings of detector arrays for crossings at `places`, with added noise, shape (..., A, C). [m]
+        """Return the array readings for crossings at `places` with added noise, shape (..., A, C). [m]
 
         If the pitch is not zero, a reading is the position of the nearest detector.
         """
@@ -397,7 +397,7 @@ class Segments(NamedTuple):
         return np.clip(read, self.ends[self.starts, :1], longest[:, np.newaxis])
 
     def points(self, places: Floats) -> tuple[Floats, Floats]:
-        """Return the points (y, z) at positions along the arrays, and the array directions, both (..., A, C, 2)."""
+        """Convert positions along arrays to points (y, z) and array directions, shape (..., A, C, 2)."""
         own = self.array == np.arange(self.starts.size)[:, np.newaxis, np.newaxis]  # (A, 1, S)
         passed = np.count_nonzero(own & (self.origin + self.ends[:, 0] <= places[..., np.newaxis]), axis=-1)
         which = self.starts[:, np.newaxis] + np.maximum(passed - 1, 0)
@@ -491,7 +491,7 @@ def _examine_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, w
 
 
 def _few_rows(study: MisalignmentStudy, measured: MeasuredSpots, key: str, what: str) -> Iterator[Problem | str]:
-    """Yield a problem if a table has too few spots or crossings, and a warning if names look like row numbers."""
+    """Yield a problem if there are too few measurements, and a warning if names look like row numbers."""
     block: Any = study.calibration if measured.trace is None else study.detectors
     usable, held = measured.weight > 0, getattr(block, "held_out", None)
     every = np.bincount(measured.heliostat, usable).max(initial=0)

@@ -339,7 +339,7 @@ class Detectors(Block):
     condition_limit: Annotated[float | None, _LIMIT] = None
 
     def rules(self) -> Iterator[Fault]:
-        """Check the lines and arrays, and that measured crossings are not combined with a closed loop."""
+        """Check the detectors, and that measured crossings are not combined with a closed loop."""
         arrays, pitch = self.arrays or (), 0.0 if self.pitch is None else max(ends(self.pitch))
         shortest = min((sum(itertools.starmap(math.dist, itertools.pairwise(one.points))) for one in arrays), default=0)
         message = "applies only to synthetic crossings, because a table of crossings has no commands: remove it"
@@ -568,7 +568,7 @@ class MisalignmentStudy(Study):
         return RESERVED
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the study defines heliostats, the sun and the blocks of its mode, but no blocks of other modes."""
+        """Check that the study defines heliostats, the sun, and only the blocks that its mode allows."""
         yield from self.output.without_series()
         yield from when(*self._sun_rules(), *self._time_rules(), *self._mode_rules(), *self._error_rules())
 
@@ -644,7 +644,7 @@ class MisalignmentStudy(Study):
         )  # fmt: skip
 
     def _error_rules(self) -> Iterable[Rule]:
-        """Return the rules that reject keys without an effect, such as the seed if no error is drawn."""
+        """Return the rules that reject keys without effect, such as a seed without drawn errors."""
         mode, mount = self.mode, self.mount
         errors = self.mount_errors or MountErrors()
         idle = mode in ("curves", "mount_errors") and errors.model_fields_set & set(ERRORS) and not errors.drawn()
@@ -680,7 +680,7 @@ class MisalignmentStudy(Study):
         return _sun, site_notes, _distances, examine_table
 
     def heliostat_names(self) -> tuple[int, tuple[str, ...]]:
-        """Return the number of heliostats in the first layout, and their names (empty if they have no names)."""
+        """Return the number and the names of the heliostats in the first layout; no names if they have none."""
         if self.layout is None:
             return len(self.heliostats.positions or ()), ()
         layout = Layouts(self)[()]
@@ -690,7 +690,7 @@ class MisalignmentStudy(Study):
         return len(layout), tuple(map(str, layout.columns[names[0]])) if names else ()
 
     def table_of_spots(self) -> tuple[str, tuple[str, ...]] | None:
-        """Return the study key and the file names of measured spots or crossings, or None if there are none."""
+        """Return the study key and the files of measured spots or crossings, or None if there are none."""
         given = {
             "calibration.spots": self.calibration and self.calibration.spots,
             "detectors.crossings": self.detectors and self.detectors.crossings,
