@@ -139,7 +139,7 @@ class Sampled(Wrapped):
         own = [*work.inner, *(name for name in work.parameters if name != SAMPLE)]
         for dim in (dim for dim in (*self._sizes(study), SAMPLE) if dim in own):
             raise StudyError(
-                study.problem("sample", f"the result has a dimension {dim!r} and cannot have a second one for draws")
+                study.problem("sample", f"the result already has a dimension {dim!r}, which the draws also need")
             )
         length = work.inner.get(work.splittable, 1)
         return replace(

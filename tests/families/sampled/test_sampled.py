@@ -83,7 +83,7 @@ def test_a_sum_of_normals(tmp_path: Path) -> None:
     x = np.stack([result[f"x{k}"].values for k in (1, 2, 3)], axis=-1)
     assert result["total"].values.tobytes() == total(x).tobytes()
     assert result["x1"].attrs["distribution"] == "normal: mean 1, standard deviation 0.5"
-    assert "8 Sobol sequences" in result.attrs["sample_design"]
+    assert "8 independently scrambled Sobol sequences" in result.attrs["sample_design"]
 
 
 def test_every_draw_is_stored_where_asked(tmp_path: Path) -> None:

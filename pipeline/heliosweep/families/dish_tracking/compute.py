@@ -336,7 +336,7 @@ def sun_of(ephemeris: Ephemeris, place: tuple[float, ...], utc: Stamps) -> Float
 def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
     """Return equally spaced instants between sunrise and sunset on each date.
 
-    If the clock differs strongly from solar time, the sun may be up at both the start and the end of a date. Both
+    If the clock differs greatly from solar time, the sun may be up at both the start and the end of a date. Both
     periods are then sampled. Sunrise and sunset are bracketed in steps of 10 minutes.
     """
     from scipy.optimize.elementwise import find_root

@@ -161,8 +161,8 @@ class Positions(LayoutAxis):
         """Return the coordinates ``heliostat``, ``x``, ``y`` and ``z``."""
         number = "number of the heliostat in the list of positions, counted from 0"
         columns = {
-            "x": "distance of the pivot east of the tower",
-            "y": "distance of the pivot north of the tower",
+            "x": "eastward distance of the pivot from the tower",
+            "y": "northward distance of the pivot from the tower",
             "z": "height of the pivot above the tower's base",
         }
         return {"heliostat": self.numbers.assign_attrs(long_name=number)} | {
@@ -246,7 +246,7 @@ def mean_errors(point: Point, shape: tuple[int, ...] | None = None) -> NDArray[n
 
 
 def draw_count(study: MisalignmentStudy) -> int:
-    """Return the number of draws; 0 if no error is drawn, or if spots are measured."""
+    """Return the number of draws; 0 if no error is drawn or the spots are measured."""
     return 0 if study.mount_errors is None else study.mount_errors.draws()
 
 
