@@ -22,7 +22,7 @@ from heliosweep.report.figures import axis_label, number_text
 FILE = "comparison.csv"
 #: Maximum size [bytes] and maximum number of rows of a table of published numbers.
 MAX_BYTES, MAX_ROWS = 2 * 2**20, 10_000
-#: Tolerance for matching numeric labels, and relative allowance for rounding errors in tolerance checks.
+#: Tolerance for matching numeric labels and relative allowance for rounding errors in tolerance checks.
 SAME, EDGE = 1e-9, 1e-12
 #: Possible verdicts in a table of published numbers.
 AGREES, DIFFERS = VERDICTS = ("agrees", "does not agree")
@@ -44,7 +44,10 @@ _COLUMNS = {
     "published": Column("published number, exactly as printed", required=True),
     "unit": Column("unit of the published number, such as 1, percent, deg or m", required=True),
     "tolerance": Column(
-        "maximum difference at which a computed value agrees", required=True, least=0, bounds="at least 0"
+        "maximum difference between computed and published values that agree",
+        required=True,
+        least=0,
+        bounds="at least 0",
     ),
     "claim": Column("figure, table or sentence of the publication"),
     "reason": Column("reason for the tolerance"),
@@ -204,7 +207,7 @@ def compare(result: xr.Dataset, table: Compared) -> Compared:
 
 
 def locate(result: xr.Dataset, table: Compared) -> list[tuple[dict[str, int], float]]:
-    """Return the position of each published number in a result, and its unit conversion factor.
+    """Return the position and the unit conversion factor of each published number.
 
     Raises
     ------

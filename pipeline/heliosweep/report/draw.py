@@ -175,12 +175,12 @@ def _caption(figure: Figure, *more: str) -> str:
 def panels(
     count: int, columns: int, height: float, *, wide: bool = False, **options: Any
 ) -> tuple[Drawing, list[Axes]]:
-    """Return a figure with `count` panels, and the axes of the panels row by row.
+    """Return a figure with `count` panels and the axes of the panels, row by row.
 
     Parameters
     ----------
     count, columns : int
-        Number of panels, and maximum number of panels in a row.
+        Number of panels and maximum number of panels in a row.
     height : float
         Height of a panel divided by its width.
     wide : bool
@@ -203,7 +203,7 @@ def panels(
 
 
 def abreast(count: int, most: int = COLUMNS) -> int:
-    """Return the number of panels per row that gives rows of nearly equal length."""
+    """Return the number of panels per row for rows of nearly equal length."""
     return -(-count // -(-count // most)) if count else 1
 
 
@@ -536,7 +536,7 @@ def _values(context: Context, name: str, over: Sequence[str], *points: Point) ->
 
 
 def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize, colours: Colormap) -> None:
-    """Draw each mirror of a field as a rectangle that faces the tower.
+    """Draw each mirror of a field as a rectangle facing the tower.
 
     Parameters
     ----------
@@ -577,7 +577,7 @@ def field_map(axes: Axes, here: xr.Dataset, values: np.ndarray, norm: Normalize,
 
 
 def edges(values: np.ndarray, logarithmic: bool = False) -> np.ndarray:
-    """Return the edges of cells with the given ascending centres."""
+    """Return the edges of cells from their ascending centres."""
     values = np.log(values) if logarithmic else np.asarray(values, dtype=float)
     half = np.diff(values) / 2 if values.size > 1 else np.array([0.5])
     ends = np.concatenate([[values[0] - half[0]], values[:-1] + half[: values.size - 1], [values[-1] + half[-1]]])

@@ -53,10 +53,10 @@ _KINDS: dict[str, tuple[str, dict[str, str], str]] = {
 
 
 def figures(result: xr.Dataset, headlines: Sequence[str] = ()) -> Iterator[Figure]:
-    """Yield figures of random draws.
+    """Yield figures of the draws and their sensitivities.
 
-    The figures show the first headline number (distribution, sensitivities, and draws over the most influential key)
-    and the sample means of all results.
+    For the first headline number, the figures show the distribution, the sensitivities and the draws over the most
+    influential key. Further figures show the sample means of all results.
     """
     names, sensitivity = _names(result, headlines), _sensitivity_of(result)
     if not names:
@@ -144,9 +144,9 @@ def _exceeded(name: str, result: xr.Dataset) -> xr.Dataset:
 
 
 def _leading_key(result: xr.Dataset, name: str) -> str:
-    """Return the name of the key that has the highest rank correlation with a result.
+    """Return the name of the key with the highest rank correlation with a result.
 
-    The result is taken at the first point of all other dimensions.
+    Only the first point along all other dimensions is used.
     """
     array = _draws(result, name).isel({dim: 0 for dim in result[name].dims if dim != SAMPLE}, drop=True)
     keys = [str(one.name) for one in _keys(result) if one.dtype.kind == "f" and np.ptp(one.to_numpy()) > 0]

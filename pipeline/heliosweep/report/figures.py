@@ -54,7 +54,7 @@ def is_fraction(array: xr.DataArray) -> bool:
 
 
 def is_signed(low: float, high: float) -> bool:
-    """Return True if a range extends well to both sides of zero, so its colours should diverge."""
+    """Return True if a range extends to both sides of zero by more than 2 % of its larger side."""
     return min(-low, high) > 0.02 * max(-low, high)
 
 
@@ -82,7 +82,7 @@ def is_latitude(array: xr.DataArray) -> bool:
 def printed(array: xr.DataArray, of: xr.DataArray | None = None) -> Any:
     """Return the values of an array in its printed unit.
 
-    For standard errors, `of` is the array of the values, which determines the unit.
+    If the array contains standard errors, `of` is the array of the values and determines the unit.
     """
     values = array.to_numpy()
     return values * 100 if is_fraction(array if of is None else of) else values
@@ -197,7 +197,7 @@ class Context:
         return np.argsort(values, kind="stable") if values.dtype.kind in "fiuM" else np.arange(values.size)
 
     def along(self, dim: str) -> tuple[np.ndarray, list[str]]:
-        """Return the axis positions of the sorted values of a dimension, and the labels of categories."""
+        """Return the axis positions of the sorted values of a dimension and the labels of categories."""
         order = self.order(dim)
         if dim in self.result.coords and (values := self.coordinate(dim).to_numpy()).dtype.kind in "fiuM":
             return values[order], []
@@ -528,7 +528,7 @@ def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable
 
 
 def preferred(result: xr.Dataset, dims: Sequence[str], wanted: Sequence[str]) -> str | None:
-    """Return the first wanted dimension, or else the first one with text labels, or else the first."""
+    """Return the first wanted dimension, or else the first with text labels, or else the first of all."""
     dims = [dim for dim in dims if dim != HELIOSTAT or dim in wanted or result.sizes[dim] < FIELD]
     words = [dim for dim in dims if not is_ordered(result, dim)]
     return next((dim for dim in (*wanted, "statistic", *words, *dims) if dim in dims), None)
@@ -605,7 +605,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#0
 DASHES = ("-", (0, (4, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)), (0, (2, 1.2)), (0, (4, 1, 1, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
-#: Matplotlib colour maps for values, and for differences (diverging from zero).
+#: Matplotlib colour maps for values and for differences, which diverge from zero.
 VALUES, DIFFERENCES = "viridis", "RdBu_r"
 
 #: Colour of missing values.

@@ -85,9 +85,9 @@ def write_report(
         Result folder. The page shows ``manifest.json`` and ``study.resolved.yaml`` of this folder if they exist. In an
         unpacked archive, the study file is named ``study.yaml``.
     family : Family, optional
-        Family that declares headlines, figures and tables. The default is derived from the variables.
+        Family that declares headlines, figures and tables. Without a family, they are derived from the variables.
     study : Study, optional
-        Study with published numbers. By default, the page shows the comparison that is stored in the folder.
+        Study with published numbers. The default is the comparison stored in the folder.
     vector : sequence of {"svg", "pdf"}
         File formats of figures in addition to PNG.
     summary : bool
@@ -182,7 +182,7 @@ def _environment() -> Environment:
 
 
 def linked(text: str) -> Markup:
-    """Escape a text, and convert digital object identifiers to links."""
+    """Escape a text and convert digital object identifiers to links."""
     return Markup(DOI.sub(r'<a href="https://doi.org/\1">\g<0></a>', str(escape(text))))
 
 
@@ -215,7 +215,7 @@ def _noted(remarks: list[str], sound: bool, what: str) -> Iterator[None]:
 def _pictures(
     folder: Path, noted: Callable[[str], Any], result: xr.Dataset, figures: Sequence[Figure], vector: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Draw and save figures, and remove outdated figures of an earlier report."""
+    """Draw and save figures and remove outdated figures of an earlier report."""
     from heliosweep.report.draw import drawn, image, pixels, png
 
     if folder.is_symlink():
@@ -301,11 +301,11 @@ def command(manifest: Mapping[str, Any]) -> str:
     return shlex.join(word for word in words if word not in others or len(others) == len(studies))
 
 
-#: Dimension along which the results are joined.
+#: Dimension along which compared results are joined.
 RESULT = "result"
-#: Maximum number of variables and of points in the table of results, and maximum size of a variable.
+#: Maximum number of variables and points in the table of results, and maximum size of a variable.
 MOST_VARIABLES, MOST_POINTS, MOST_NUMBERS = 12, 80, 2_000_000
-#: Maximum relative difference due to rounding, and number of decimals of labels that must agree.
+#: Maximum relative difference attributed to rounding, and number of decimals to which labels are rounded.
 ROUNDING, LABEL_DECIMALS = 1e-12, 9
 
 
@@ -348,7 +348,7 @@ def write_comparison(compared: Sequence[tuple[Path, xr.Dataset, Any]], file: Pat
 
 
 def _over_results(figures: Iterator[Figure], same: bool) -> Iterator[Figure]:
-    """Yield figures with a line or a map for each result, and figures of the differences between maps."""
+    """Yield figures with a line or map for each result, and maps of the differences."""
     for figure in figures:
         if isinstance(figure, Curves):
             yield replace(figure, lines=(RESULT,))
@@ -394,7 +394,7 @@ def _aligned(results: Sequence[xr.Dataset]) -> list[xr.Dataset]:
 
 
 def _expanded(result: xr.Dataset, swept: Mapping[Any, set[Any]]) -> xr.Dataset:
-    """Round the labels of a result, and expand it along all dimensions swept in any result."""
+    """Round the labels of a result and expand it along all dimensions swept in any result."""
     fixed = {dim for dims in swept.values() for dim in dims if dim in result.coords and not result[dim].ndim}
     grown = {
         name: one.drop_vars(fixed - swept[name]).expand_dims([*(swept[name] & fixed)])

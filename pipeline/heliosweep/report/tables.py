@@ -168,7 +168,7 @@ class Table:
 
 
 def columns_of(heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[Column]:
-    """Convert table rows to columns, and omit empty columns."""
+    """Convert table rows to columns and omit empty columns."""
     columns = [Column(head, [row[i] for row in rows]) for i, head in enumerate(heads)]
     return [one for one in columns if any(one.values) or not rows]
 
@@ -253,7 +253,7 @@ def numbers(
     Parameters
     ----------
     result : Dataset
-        Result that contains the coordinates, and the standard errors ``NAME_error`` of the arrays.
+        Result that contains the coordinates and the standard errors ``NAME_error`` of the arrays.
     dims : sequence of str
         Dimensions of all arrays.
     arrays : sequence of DataArray
@@ -343,7 +343,7 @@ DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;
 
 
 def references(result: xr.Dataset) -> list[str]:
-    """Return the references of a result. Of several entries with the same DOI, only the longest is returned."""
+    """Return the references of a result. If several entries have the same DOI, only the longest is returned."""
     entries: dict[str, str] = {}
     for text in filter(None, (entry.strip() for entry in str(result.attrs.get("references", "")).split(";"))):
         found = DOI.search(text)

@@ -278,7 +278,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
 
 
 def timed_plan(study: Study, folder: Path) -> Plan:
-    """Plan a study, and estimate its run time from a small region.
+    """Plan a study and estimate its run time from a small region.
 
     The estimate is omitted if the region takes too long.
     """
@@ -409,7 +409,7 @@ class Run:
         return None
 
     def result(self, *, force: bool, progress: bool) -> Path:
-        """Write the result and its manifest, and return the path of the result.
+        """Write the result and its manifest and return the path of the result.
 
         If `force` is True, all chunks are recomputed. If `progress` is True, progress is shown on standard error.
         """
@@ -433,7 +433,7 @@ class Run:
         return path
 
     def compute(self, progress: bool) -> Iterator[tuple[Piece, Mapping[Any, Any]]]:
-        """Compute the missing chunks, and return an iterator over the finished blocks."""
+        """Compute the missing chunks and return an iterator over the finished blocks."""
         cuts = self.store.create(self.plan.cuts, identity=self.identity, study_id=self.study_id)
         self.plan = plan = replace(self.plan, cuts=cuts)
         work = Work(self.family, self.study, plan.variables, plan.workload.sizes)

@@ -48,7 +48,7 @@ class SearchRun(Run):
         return {**found, "code": {**code, "pymoo": version_of("pymoo") or "missing"}}
 
     def compute(self, progress: bool) -> Iterator[tuple[Piece, Mapping[Any, Any]]]:
-        """Run the search, and return an iterator over the result, which is a single block."""
+        """Run the search and return an iterator over the single block of the result."""
         self.store.create(self.plan.cuts, identity=self.identity, study_id=self.study_id)
         with self.timed("prepare"):
             prepare_kernels(self.family, self.study)

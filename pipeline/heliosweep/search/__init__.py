@@ -1,1 +1,1 @@
-"""Optimisers that evaluate many points of a study together, and the results of searches."""
+"""Optimisers that evaluate several points of a study at once, and results of searches."""

@@ -22,8 +22,8 @@ from heliosweep.lazy import scipy
 
 #: Finite replacement for infinity.
 HUGE = 1e100
-#: Number of consecutive generations without a new best point (two objectives: without any new point) after which an
-#: optimiser stops.
+#: Number of consecutive generations without improvement after which an optimiser stops. For two objectives, an
+#: improvement is any new point.
 PATIENCE = 10
 
 
@@ -90,7 +90,7 @@ class Course:
     _known: dict[bytes, int] = field(default_factory=dict)
 
     def ask(self, shares: Floats) -> list[int]:
-        """Evaluate points given as fractions of the ranges, and return their indices.
+        """Evaluate points given as fractions of the ranges and return their indices.
 
         Raises
         ------

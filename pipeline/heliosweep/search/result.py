@@ -172,7 +172,7 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
 
 
 def figures(result: xr.Dataset) -> Iterator[Figure]:
-    """Yield figures of the objectives over the numeric searched keys, and of the course or the front of a search."""
+    """Yield figures of the objectives over the searched keys, and of the convergence or the Pareto front."""
     goals, best = list(goals_of(result)), best_of(result)
     star = f"Star: best{f' at {point_text(result, best)}' if best is not None else ''}."
     shared: Any = {"lines": ["evaluations"], "looks": _LOOKS, "styled": True, "interactive": False, "notes": star}

@@ -26,7 +26,7 @@ from heliosweep.files import user_path, written_whole
 from heliosweep.report.page import FIGURES, PAGE, for_others
 from heliosweep.store.folder import MANIFEST, RESULT, STUDIES, manifest_text, open_result, target_file, verify
 
-#: Default creators of a study, and licence identifier of a draft without a licence.
+#: Default creators of a study and licence identifier of a draft without a licence.
 DEFAULT_CREATOR, DRAFT = "The authors of this data set", "LicenseRef-Draft"
 #: Folder in the archive that contains the input files of the study.
 FOLDER = "inputs"
@@ -106,7 +106,7 @@ def pack_result(
 
 
 def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
-    """Add text or a file to an archive, and return the SHA-256 digest. Files are copied in pieces."""
+    """Add text or a file to an archive and return the SHA-256 digest of the content. Files are copied in pieces."""
     text = content.encode() if isinstance(content, str) else b""
     info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the earliest date that ZIP supports
     info.create_system, info.external_attr = 3, 0o100644 << 16  # the same attributes on all systems
@@ -124,7 +124,7 @@ def _add(zipped: zipfile.ZipFile, name: str, content: str | Path) -> str:
 
 
 def _words(place: Path, license: str | None, draft: bool) -> dict[str, Any]:
-    """Check a result folder, and return the template values. Raises HeliosweepError or StudyError."""
+    """Check a result folder and return the template values. Raises HeliosweepError or StudyError."""
     found = verify(place)
     if not (found.ok and found.finished):
         raise HeliosweepError(f"not packed; the result must be finished and undamaged:\n{found}")

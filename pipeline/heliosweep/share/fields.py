@@ -1,4 +1,4 @@
-"""Selection of points in results, and tables of layouts and results."""
+"""Selection of points in results, and tables for layouts and results."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def chosen(data: T, select: Mapping[str, Any] | None, keep: Sequence[str] = (), 
     left : int
         Maximum number of other dimensions without a label.
     hint : str
-        Text to add to the message about a missing label, with ``{}`` for the name of the dimension.
+        Text appended to the error message if a label is missing. ``{}`` is replaced by the dimension name.
 
     Returns
     -------
@@ -207,7 +207,7 @@ def write_corrections(
     path : path
         CSV file to write atomically.
     select : mapping of str to value, optional
-        Value of each dimension that distinguishes calibrations, such as ``{"parameters": 4}``.
+        Value along each dimension that distinguishes calibrations, such as ``{"parameters": 4}``.
     force : bool
         If True, replace an existing file.
 
@@ -273,9 +273,9 @@ def write_paint_study(spots: PaintSpots, path: str | os.PathLike[str], *, force:
     Raises
     ------
     StudyError
-        If a file exists.
+        If one of the files exists.
     HeliosweepError
-        If a file cannot be written.
+        If one of the files cannot be written.
     """
     file = target_file(path, force, endings=(".yaml", ".yml"))
     layout, table = (file.with_name(f"{file.stem}_{what}.csv") for what in ("layout", "spots"))
@@ -304,7 +304,7 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
     study : Study or xarray.Dataset
         Study with one layout, or result of a study. If the result has `keep`, the layout contains the kept heliostats.
     select : mapping of str to value, optional
-        Value of each dimension that affects the layout of a result.
+        Value along each dimension that affects the layout of a result.
 
     Raises
     ------
@@ -325,7 +325,7 @@ def layout_of(study: Study | xr.Dataset, select: Mapping[str, Any] | None = None
     layouts = Layouts(study)
     if layouts.dimensions:
         swept = next(iter(layouts.dimensions[0].sweeps))
-        raise StudyError(study.problem(swept, "is swept, so there are several layouts: give one value"))
+        raise StudyError(study.problem(swept, "is swept, so there are several layouts: specify one value"))
     layout = layouts[()]
     heliostat: Any = getattr(study, "heliostat", None)
     sides: dict[str, Any] = {side: getattr(heliostat, side, None) for side in SIZE_COLUMNS}
@@ -539,7 +539,9 @@ def names_of(result: xr.Dataset, variables: str | Sequence[str] | None) -> list[
         )
     names = [variables] if isinstance(variables, str) else list(result.data_vars if variables is None else variables)
     if variables is not None and not names:
-        raise StudyError(Problem("is an empty list: give variables, or omit it for all variables", "variables"))
+        raise StudyError(
+            Problem("is an empty list: specify variables, or omit the argument for all variables", "variables")
+        )
     unknown = [name for name in names if name not in result.data_vars]
     if unknown:
         known = ", ".join(map(str, result.data_vars))

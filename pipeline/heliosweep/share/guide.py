@@ -50,7 +50,7 @@ def explain(words: Iterable[str]) -> str:
         raise StudyError(Problem(f"unknown family; use {one_of(families())}", given[0]))
     if not given:
         if len(chosen) > 1:
-            raise StudyError(Problem(f"give a family, a key, or both; the families are {', '.join(families())}"))
+            raise StudyError(Problem(f"specify a family, a key, or both; the families are {', '.join(families())}"))
         return "\n".join(_lines(_keys(chosen[0])))
     wanted = re.sub(r"\[\d*\]", "", given[0])
     texts: dict[tuple[str, str], dict[str, str]] = {}
@@ -111,7 +111,7 @@ def examples() -> str:
 
 
 def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
-    """Copy shipped studies with their input files into a folder, and return the study files.
+    """Copy shipped studies and their input files to a folder, and return the copied study files.
 
     Raises
     ------

@@ -50,7 +50,7 @@ _AZIMUTH, _ELEVATION = "sun_azimuth", "sun_elevation"
 #: Study keys and dimensions that sun directions replace.
 _GONE = ("site.", "sites", "time.", "weather.", "limits.", "availability.", "economics.", "budget.")
 _SAME = 1e-9  # maximum difference between angles that count as equal [deg]
-#: Variables for an efficiency table in order of preference, and the factors that they include.
+#: Variables for an efficiency table in order of preference, with the factors included in each.
 _FACTORS = {
     "field_total_efficiency": "cosine, shading, blocking, reflection, attenuation and intercept",
     "field_optical_efficiency": "cosine, shading and blocking",
@@ -285,7 +285,7 @@ def _number(value: float) -> float | int:
 
 
 def _azimuths(north: NDArray, south: bool) -> tuple[NDArray, NDArray]:
-    """Return the ascending azimuths of a format, and their order in the efficiency table.
+    """Return the ascending azimuths of a format and their indices in the efficiency table.
 
     Azimuths from north range from 0 to 360 deg, and azimuths from south from -180 to 180 deg. Both ends of the range
     are the same direction, and the table may contain both. If a full circle has other ends, such as -180 and 180 deg
@@ -488,7 +488,9 @@ def electricity_of(
     names = [name for name in ("field_receiver_energy", "field_heat", "design_point_heat", "loss") if name in result]
     here = chosen(result[names], select, ("stage",)).compute()
     if "P_ref" not in inputs and "design_point_heat" not in here:
-        message = "is needed for the turbine power: add it with 'receiver.absorptance', or give P_ref in MW with --sam"
+        message = (
+            "is needed for the turbine power: add it with 'receiver.absorptance', or specify P_ref in MW with --sam"
+        )
         raise StudyError(study.problem("design_point", message))
     labels = {key: name for key, name in study.dimension_names().items() if key in study.sweeps()}
     values |= {key: here[name].item() for key, name in labels.items() if name in here.coords}

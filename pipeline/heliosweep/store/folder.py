@@ -112,7 +112,7 @@ DESCRIPTIONS = (MANIFEST, STUDIES[0], "report.html", "comparison.csv", BEST)
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Lock a result folder, and wait while another run holds the lock.
+    """Lock a result folder and wait while another run holds the lock.
 
     The operating system releases the locks of killed processes. Raises HeliosweepError if the process is a worker
     process that is still starting.
@@ -172,7 +172,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """Create a result folder, and remove it if it is empty after an error. Raises StudyError if it is not writable."""
+    """Create a result folder and remove it if it is empty after an error. Raises StudyError if it is not writable."""
     created: list[Path] = []
     try:
         try:
@@ -181,7 +181,7 @@ def made(folder: Path) -> Iterator[None]:
             with TemporaryFile(dir=folder):
                 pass
         except OSError as error:
-            problem = f"cannot be written: {error.strerror}; give another folder with --output"
+            problem = f"cannot be written: {error.strerror}; specify another folder with --output"
             raise StudyError(Problem(problem, file=str(folder))) from None
         yield
     except BaseException:
@@ -202,7 +202,7 @@ def check_contents(folder: Path, study: Study, force: bool) -> None:
     inputs = {study.resolve(name).resolve() for names in study.files().values() for name in names}
     if study.source.path:
         inputs |= {path.resolve() for path in (study.source.path, *study.source.bases)}
-    remedy = "give another folder with --output"
+    remedy = "specify another folder with --output"
     for place in (folder / name for name in (*DESCRIPTIONS, RESULT)):
         if any(place.resolve() in (path, *path.parents) for path in inputs):
             raise StudyError(Problem(f"is an input of the study that the run would replace: {remedy}", file=str(place)))
@@ -322,10 +322,10 @@ def target_file(
         return False
 
     for wrong, problem in (
-        (file.is_dir(), "is a folder: give a file"),
+        (file.is_dir(), "is a folder: specify a file"),
         (endings and file.suffix.lower() not in endings, f"must end in {', '.join(ends)}"),
-        (any(map(is_source, sources)), "is an input and would be replaced: give another file"),
-        (any(map(of_a_result, (place, *place.parents))), "belongs to a result: give another file"),
+        (any(map(is_source, sources)), "is an input and would be replaced: specify another file"),
+        (any(map(of_a_result, (place, *place.parents))), "belongs to a result: specify another file"),
         (file.exists() and not force, f"exists already; {FORCE} replaces it"),
         (not file.parent.is_dir(), "cannot be written: its folder does not exist"),
     ):
@@ -341,7 +341,7 @@ def sources_of(study: Study) -> set[Path]:
     from heliosweep.config.source import read
 
     for path in (study.source.path, *study.source.bases) if study.source.path else ():
-        written = read(path).data  # in the loaded study, sites have replaced the weather files
+        written = read(path).data  # the loaded study contains sites in place of weather files
         paths |= {path, *(named_in(path.parent, name) for _, name in file_names(type(study), written))}
     return paths
 
@@ -390,7 +390,7 @@ def open_result(path: str | os.PathLike[str], chunks: Any = None) -> xr.Dataset:
     """
     place = locate(path)
     if not is_netcdf(place):
-        raise StudyError(Problem("is not a result: give a result folder", file=str(place)))
+        raise StudyError(Problem("is not a result: specify a result folder", file=str(place)))
     try:
         with LIBRARY_LOCK:
             result = stored = xr.open_dataset(place.absolute(), engine="netcdf4", lock=LIBRARY_LOCK, chunks=chunks)
@@ -449,7 +449,7 @@ def verify(folder: str | os.PathLike[str]) -> Verification:
             lines += [*damage, *["note: a run is active in this folder"] * is_locked(place)]
             return Verification(place, False, not damage, lines)
         if not place.is_dir():
-            raise HeliosweepError("is not a folder: give a result folder, or run the study")
+            raise HeliosweepError("is not a folder: specify a result folder, or run the study")
         manifest = read_manifest(place)
         if not path.exists():
             damage.append(f"{RESULT}: is missing")

@@ -97,7 +97,7 @@ def _where(study: Study) -> Iterator[tuple[str, Any]]:
 
 
 def _period(study: Study) -> dict[str, str]:
-    """Return attributes for the dates of a study on the civil clock. The time resolution is the step within a day."""
+    """Return time coverage attributes of a study with civil time. The resolution is the step within a day."""
     time: Any = getattr(study, "time", None)
     if not isinstance(time, CivilTime):
         return {}
