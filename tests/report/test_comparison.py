@@ -84,7 +84,7 @@ def test_all_that_does_not_fit_the_result_is_told_at_its_line(dataset, table):
         ("latitude,quantity\n0,a\n", [
             "table.csv:1: needs a column published: published number, exactly as printed",
             "table.csv:1: needs a column unit: unit of the published number, such as 1, percent, deg or m",
-            "table.csv:1: needs a column tolerance: maximum difference between computed and published values that agree",
+            "table.csv:1: needs a column tolerance: maximum difference for agreement",
         ]),
         (HEADER.replace("tracking", "latitude") + ",,a,1,1,1\n",
          ["table.csv:1:10: has two columns 'latitude'; remove one"]),

@@ -22,7 +22,7 @@ from heliosweep.report.figures import axis_label, number_text
 FILE = "comparison.csv"
 #: Maximum size [bytes] and maximum number of rows of a table of published numbers.
 MAX_BYTES, MAX_ROWS = 2 * 2**20, 10_000
-#: Tolerance for matching numeric labels and relative allowance for rounding errors in tolerance checks.
+#: Tolerance for matching numeric labels, and relative rounding error that is accepted in tolerance checks.
 SAME, EDGE = 1e-9, 1e-12
 #: Possible verdicts in a table of published numbers.
 AGREES, DIFFERS = VERDICTS = ("agrees", "does not agree")
@@ -44,7 +44,7 @@ _COLUMNS = {
     "published": Column("published number, exactly as printed", required=True),
     "unit": Column("unit of the published number, such as 1, percent, deg or m", required=True),
     "tolerance": Column(
-        "maximum difference between computed and published values that agree",
+        "maximum difference for agreement",
         required=True,
         least=0,
         bounds="at least 0",
@@ -89,7 +89,7 @@ class Compared:
 
     @property
     def explained(self) -> bool:
-        """True if the table gives a reason for each disagreement and never states agreement instead."""
+        """True if the table gives a reason for each disagreement and does not state agreement instead."""
         differ = self.values[~self.values["agrees"]]
         return bool((differ["reason"].ne("") & differ["stated_verdict"].isin(("", DIFFERS))).all())
 

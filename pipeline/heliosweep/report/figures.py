@@ -213,7 +213,7 @@ class Context:
         return int(self.order(dim)[(values.size - 1) // 2]) if values.dtype.kind in "fiuM" else 0
 
     def fixed(self, array: xr.DataArray, *shown: str | None) -> dict[str, int]:
-        """Return the selected index along each dimension of an array that a figure does not show."""
+        """Return the selected index along each array dimension that a figure does not show."""
         return {str(dim): self.position(str(dim)) for dim in array.dims if dim not in shown}
 
     def chosen(
@@ -248,7 +248,7 @@ class Context:
         return text.removesuffix(f" ({unit_of(coordinate)})") if is_latitude(coordinate) else text
 
     def value(self, dim: str, index: int) -> str:
-        """Format one value along a dimension with its unit, or as the name of a heliostat or module."""
+        """Format one value along a dimension: number with unit, or name of a heliostat or module."""
         if dim not in self._words:
             coords = self.result.coords
             named = [coords[key] for key in ("name", "id") if key in coords and coords[key].dims == (dim,)]
@@ -396,8 +396,8 @@ class Curves(Figure):
     most : int
         Maximum number of panels.
     styled : bool
-        If True, `looks` defines all lines and markers, for example dots over numeric values. The key ``""`` of `looks`
-        applies to every line.
+        If True, `looks` defines all lines and markers, for example unconnected dots over a numeric axis. The key ``""``
+        of `looks` applies to every line.
     """
 
     bands: Mapping[str, Sequence[str]] = field(default_factory=dict)

@@ -182,7 +182,7 @@ def _environment() -> Environment:
 
 
 def linked(text: str) -> Markup:
-    """Escape a text and convert digital object identifiers to links."""
+    """Escape text and convert digital object identifiers to links."""
     return Markup(DOI.sub(r'<a href="https://doi.org/\1">\g<0></a>', str(escape(text))))
 
 

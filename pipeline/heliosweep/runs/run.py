@@ -235,7 +235,7 @@ def plan_study(study: Study, folder: Path, *, connect: bool = False) -> Plan:
     study : Study
         Study to plan.
     folder : pathlib.Path
-        Result folder, whose file system determines the free disk space.
+        Result folder. Its file system determines the available disk space.
     connect : bool
         If True, read the number of workers from the remote scheduler specified in the study.
 

@@ -57,13 +57,13 @@ class Space:
         return [0 if whole else -int(np.floor(np.log10(step))) for step, whole in zip(span, self.whole, strict=True)]
 
     def points(self, shares: Floats) -> Floats:
-        """Convert fractions (0 to 1) of the ranges of the keys to rounded points, shape (points, keys)."""
+        """Convert fractions (0 to 1) of the key ranges to rounded points, shape (points, keys)."""
         raw = self.low + np.clip(shares, 0.0, 1.0) * (self.high - self.low)
         rounded = [[round(float(x), digits) for x, digits in zip(row, self.decimals, strict=True)] for row in raw]
         return np.clip(np.array(rounded, dtype=float).reshape(raw.shape), self.low, self.high)
 
     def shares(self, points: Floats) -> Floats:
-        """Convert points to fractions of the ranges of the keys."""
+        """Convert points to fractions of the key ranges."""
         return (points - self.low) / (self.high - self.low)
 
 

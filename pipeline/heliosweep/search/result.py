@@ -136,7 +136,7 @@ def answers(result: xr.Dataset) -> Iterator[str]:
 
 
 def remarks(result: xr.Dataset) -> Iterator[str]:
-    """Yield remarks if no evaluation satisfies all bounds, the best point is on a bound, or values are missing."""
+    """Yield remarks about missing values, unsatisfied bounds, and best values on a bound of the search."""
     best, count = best_of(result), result.sizes[EVALUATION]
     lost = int(np.isnan(np.stack([result[name].to_numpy() for name in goals_of(result)])).any(axis=0).sum())
     if lost:

@@ -170,7 +170,7 @@ def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force:
     spots : PaintSpots
         Spots and notes to write.
     path : path
-        File to write. It appears under its name only when it is complete.
+        File to write atomically.
     force : bool
         If True, replace an existing file.
 
@@ -388,7 +388,7 @@ def write_layout(
         Heliostats to write. A DataFrame must have the columns ``x`` and ``y`` [m]. Other columns of a layout, such as
         ``z``, are optional.
     path : path
-        File to write. It appears under its name only when it is complete.
+        File to write atomically.
     form : {"csv", "solarpilot"}
         Format of the file. The format ``csv`` is a table with a header and all columns. The format ``solarpilot`` is a
         user-defined SolarPILOT layout, which contains only positions, templates, focal lengths, canting and aim points.

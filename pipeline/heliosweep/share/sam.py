@@ -119,7 +119,7 @@ def efficiency_table(
     result : xarray.Dataset
         Result of a study with ``clock: sun``, from `open_result` or `build`.
     select : mapping of str to value, optional
-        Value of each dimension of the result that is not a sun direction.
+        Value along each dimension of the result, except the sun directions.
     variable : str, optional
         Variable of the whole field (default: total efficiency with `optics`, otherwise optical efficiency).
     factor : float
@@ -128,7 +128,8 @@ def efficiency_table(
     Returns
     -------
     xarray.DataArray
-        Efficiency over ``sun_elevation`` and ``sun_azimuth``, in memory; NaN if the sun is below the horizon. [1]
+        Efficiency over ``sun_elevation`` and ``sun_azimuth``, loaded into memory. The efficiency is NaN if the sun is
+        below the horizon. [1]
 
     Raises
     ------
@@ -152,7 +153,7 @@ def flux_maps(result: xr.Dataset, select: Mapping[str, Any] | None = None) -> xr
     result : xarray.Dataset
         Result of a study with ``clock: sun`` and `output.flux_map`, from `open_result` or `build`.
     select : mapping of str to value, optional
-        Value of each dimension of the result that is not a sun direction.
+        Value along each dimension of the result, except the sun directions.
 
     Returns
     -------

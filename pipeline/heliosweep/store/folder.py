@@ -32,7 +32,7 @@ from heliosweep.files import LIBRARY_LOCK, human_bytes, named_in, user_path, wri
 from heliosweep.grid import Cut, human_seconds
 from heliosweep.lazy import xr
 
-#: Prefix of chunk folders, and name of the file in a chunk folder that describes the study and the chunks.
+#: Prefix of chunk folder names, and name of the file that describes the study and its chunks.
 CHUNKS, RECORD = "chunks-", "plan.json"
 
 
