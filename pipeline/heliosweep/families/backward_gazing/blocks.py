@@ -193,7 +193,7 @@ class Cameras(Block):
         Choice(
             "Arrangement of the cameras",
             {
-                "square": "cameras at the upper left, upper right, lower left and lower right corner of a square",
+                "square": "cameras at the upper left, upper right, lower left and lower right corners of a square",
                 "cross": "cameras above, left of, right of and below the centre",
             },
             title="arrangement of the cameras",
@@ -273,7 +273,7 @@ class Defects(Block):
     canting: Annotated[
         dict[str, Annotated[Two, Numbers("Canting", "mrad", ("horizontal", "vertical"), ge=-100, le=100)]],
         Field(
-            description=("Canting by module number, counted from 1: [horizontal, vertical] slope of the module, mrad")
+            description=("Canting by module number, counted from 1: [horizontal, vertical] slope of the module in mrad")
         ),
     ] = Field(default_factory=dict)
     canting_scale: Annotated[
@@ -300,8 +300,8 @@ class Defects(Block):
         dict[str, Annotated[tuple[float, float, float],
                             Numbers("Curvature", ("m", "m", "deg"), ("first focal length", "second", "axis"))]] | None,
         Field(description=("Curvature by module number, counted from 1: two principal focal lengths in m, "
-                          "and the direction of the first in deg from horizontal upwards, seen from the target; "
-                          "other modules have focal_length in both directions")),
+                          "and the direction of the first in deg, upwards from horizontal as seen from the target; "
+                          "modules without an entry have focal_length in both directions")),
     ] = None  # fmt: skip
     seed: Annotated[int | Sweep, _seed("Seed of the waviness", "defect_seed", "seed of the simulated waviness")] = 0
 
@@ -370,7 +370,7 @@ class HeliostatField(Block):
 
 
 class Output(StoredOutput):
-    """Stored variables and their format. These settings do not change the identity of a study."""
+    """Stored variables and their format. These settings do not affect the identity of a study."""
 
     maps: Annotated[bool, Flag("Also store the images, the slope maps and the sun profile")] = False
     raw_slopes: Annotated[
@@ -388,7 +388,7 @@ METADATA = {
     "CENTREU": _said("Column of the line of sight, 0 at the centre of the leftmost pixels", ge=-1e5, le=1e5),
     "CENTREV": _said("Row of the line of sight, 0 at the centre of the top pixels", ge=-1e5, le=1e5),
     "ROLL": _said(
-        "Rotation of the camera about its line of sight, clockwise for an observer behind it",
+        "Rotation of the camera about its line of sight, clockwise for an observer behind the camera",
         "deg",
         ge=-360,
         le=360,

@@ -7,9 +7,8 @@ it is estimated from the median of the squared Levenberg-Marquardt residuals, wh
 In a field, the direction to the sun is computed for each hour, and the direction to the target from the position of
 each heliostat. The distance between a heliostat and the target is the slant range, which is also the default focal
 length of the ideal heliostat. With ``facing: heliostat``, the target and its cameras are rotated about the vertical to
-face each heliostat. This option represents four cameras on a ring around a tower. With ``facing: fixed``, the target
-faces the direction `target.face`. Waviness is drawn separately for each heliostat, and noise for each heliostat and
-hour.
+face each heliostat. This option represents a ring of cameras around a tower. With ``facing: fixed``, the target faces
+the direction `target.face`. Waviness is drawn separately for each heliostat, and noise for each heliostat and hour.
 """
 
 from __future__ import annotations
@@ -69,8 +68,9 @@ from heliosweep.layouts.resolve import LayoutAxis
 if TYPE_CHECKING:
     from heliosweep.families.backward_gazing.study import BackwardGazingStudy
 
-#: Thresholds for warnings: lit fraction of a dark camera, lit or usable fraction of a poorly visible mirror or module,
-#: and ratio of the residuals to the noise in the study (about 0.6 in a correct result). [1]
+#: Thresholds for warnings: lit fraction below which a camera is dark, lit or usable fraction below which a mirror or
+#: module is poorly visible, and maximum ratio of the residuals to the noise in the study (about 0.6 in a correct
+#: result). [1]
 DARK, HARDLY, MUCH = 0.05, 0.5, 1.0
 #: Study keys that affect the scene, its images or the slopes.
 KEYS = (
@@ -488,8 +488,8 @@ def measured(point: Point, shots: Shots, table: SunProfile | None) -> dict[str, 
 def registered(point: Point, layout: Scene, focal_length: float, shots: Shots) -> tuple[Floats, dict[str, Floats]]:
     """Return the corners in all images, shape (4, 4, 2), and the registration variables.
 
-    Images with a known pinhole geometry do not need corners, and have NaN. Raises a ValueError with the index of the
-    image and the reason if the heliostat is not found.
+    Corners are NaN for images that need no corners, because their pinhole geometry is known. Raises a ValueError with
+    the index of the image and the reason if the heliostat is not found.
     """
     corners, found = shots.corners.copy(), np.full((len(names.REGISTERED), CAMERAS), math.nan)
     upright = views.pinholes(layout, shots.images.shape[1:], ANY_FOCAL) if shots.register.any() else None
@@ -528,7 +528,7 @@ def _on_mirror(
             shots.images, cameras, focal_length, point.study.heliostat.rectangles, seen.mirror, corners=corners,
             saturation=shots.saturation, threshold=threshold,
         ), placed  # fmt: skip
-    except ValueError:  # a camera looks straight up or down, or corners are impossible in this scene
+    except ValueError:  # a camera looks straight up or down, or the corners are impossible
         raise Failure(names.NOT_IDENTIFIABLE) from None
 
 
@@ -680,8 +680,8 @@ def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
         if saturated > 0.0:
             yield f"{name}: {100 * saturated:.3g} % of the mirror is saturated and not used; use a shorter exposure"
         if lit < HARDLY:
-            seen = f"it sees the sun in {100 * lit:.3g} % of the mirror"
-            yield (f"{name} is dark: {seen}; slopes depend on the other cameras", f"{name}: {seen} only")[lit >= DARK]
+            seen = f"it sees the sun in only {100 * lit:.3g} % of the mirror"
+            yield (f"{name} is dark: {seen}; slopes depend on the other cameras", f"{name}: {seen}")[lit >= DARK]
     source = set(str(result.attrs.get("white_levels", "")).split())
     how = {
         SUN_IMAGE: "is from the sun's image, which does not show the mirror",

@@ -43,7 +43,7 @@ GEOMETRY = {
     "SUNAZ": "sun.azimuth", "SUNEL": "sun.elevation", "TARGETAZ": "target.azimuth", "TARGETEL": "target.elevation",
     "DISTANCE": "heliostat.distance",
 }  # fmt: skip
-#: Sources of a white level. Only white levels from the study or the metadata are measured through the mirror.
+#: Sources of a white level. Only levels from the study or the metadata are measured through the mirror.
 KNOWN_WHITE, SUN_IMAGE, BRIGHTEST = ("study", "metadata"), "sun_image", "brightest_pixels"
 #: Focal length used if the focal length of a camera is unknown. The value is arbitrary, because the homography contains
 #: the scale. [pixels]
@@ -55,7 +55,7 @@ REACH, BLUR, LEVEL = (6.0, 4.0, 1.0, 1.0, 1.0, 1.0), 1.75, 2.0
 #: inlier from the line.
 ALONG, ACROSS, NEAR = 0.8, 0.25, 0.15
 #: Minimum brightness of a lit pixel relative to the sun's centre, and maximum fraction of the pixels at the image edge
-#: that are brighter than half the sun's centre. [1]
+#: with more than half the brightness of the sun's centre. [1]
 LIT, MOST_CUT = 0.3, 0.05
 
 
@@ -122,7 +122,7 @@ def read_picture(path: Path, name: str) -> Picture:
 
 
 def _contents(path: Path) -> tuple[NDArray[Any], Mapping[str, Any], float | None]:
-    """Return the levels in an image file (top row first), the metadata, and the maximum possible level if defined."""
+    """Return the grey levels in an image file (top row first), the metadata, and the maximum level if defined."""
     with path.open("rb") as file:
         start = file.read(6)
     if start == b"\x93NUMPY":
@@ -326,7 +326,7 @@ def _disc(study: BackwardGazingStudy, name: str) -> tuple[Picture, SunDisc]:
 
 
 def _read(study: BackwardGazingStudy, key: str, name: str) -> Picture:
-    """Read the image that a study key names, and assign any problems to this key."""
+    """Read the image at a study key, and report any problems under this key."""
     try:
         return read_picture(study.resolve(name), name)
     except StudyError as error:
@@ -436,7 +436,7 @@ def register(
     Returns
     -------
     corners : ndarray, shape (4, 2)
-        Upper left, upper right, lower right and lower left corner (column, row). [pixels]
+        Upper left, upper right, lower right and lower left corners (column, row). [pixels]
     turn, scale : float
         Clockwise rotation [rad], and scale relative to the image of the upright camera.
     centre : ndarray, shape (2,)

@@ -189,7 +189,7 @@ class BackwardGazingStudy(Study):
 
 
 def _modules(study: BackwardGazingStudy) -> Found:
-    """Check the modules, the module numbers of the defects, and the focal lengths and distance."""
+    """Check the modules, the focal lengths, the distance, and the module numbers in the defects."""
     modules = study.heliostat.rectangles
     for one, other in itertools.combinations(range(len(modules.size)), 2):
         shared = 0.5 * (modules.size[one] + modules.size[other]) - np.abs(modules.centre[one] - modules.centre[other])
@@ -324,9 +324,9 @@ def _measured(study: BackwardGazingStudy) -> Found:
 
 
 def _corner_problems(study: BackwardGazingStudy, shots: Shots) -> Found:
-    """Check that the marked corners are inside the image, in the right order, and enclose a heliostat."""
+    """Check that the marked corners are inside the image, are in clockwise order and enclose enough pixels."""
     rows, columns = shots.images.shape[1:]
-    order = "mark the upper left, upper right, lower right and lower left corner of the heliostat"
+    order = "mark the upper left, upper right, lower right and lower left corners of the heliostat"
     for number in np.flatnonzero(np.isfinite(shots.corners).all(axis=(1, 2))).tolist():
         key, corners = f"images[{number}].corners", shots.corners[number]
         ahead, before = np.roll(corners, -1, axis=0) - corners, corners - np.roll(corners, 1, axis=0)

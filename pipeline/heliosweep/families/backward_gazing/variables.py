@@ -70,8 +70,8 @@ _ESTIMATES = {
         "canting_%",
         OF_MODULE,
         "% slope at the centre of a module minus the pointing of the heliostat",
-        "correction required at the adjustment screws, relative to the ideal heliostat; modules on a sphere with "
-        "a different focal length therefore have canting; from a plane fitted to the slopes of the eroded module",
+        "correction required at the adjustment screws, relative to the ideal heliostat; modules on a sphere with a "
+        "different focal length therefore have non-zero canting; from a plane fitted to the slopes of the eroded module",
     ),
     **_both(
         "canting_%_standard_error",
@@ -130,9 +130,8 @@ _ESTIMATES = {
         "mean over the pixels that have slopes; method A does not evaluate the merit function",
     ),
 }
-#: Long name of the lower bound of the slope noise of a pixel. The value for a module is the root mean square over its
-#: pixels.
-_BOUND = "minimum standard deviation of the % slopes of a pixel for these cameras"
+#: Long name of the lower bound on pixel slope noise. The value for a module is the root mean square over its pixels.
+_BOUND = "minimum standard deviation of the % slope of a pixel with these cameras"
 
 #: Sun variables.
 _SUN = {
@@ -154,7 +153,7 @@ _SUN = {
 #: Variables that describe the whole scene.
 _SCENE = {
     "scene_status": flags((), "status of the slopes, with the reason for missing slopes", STATUS),
-    "incidence": quantity((), "degree", "angle between the sun and the ideal heliostat normal"),
+    "incidence": quantity((), "degree", "angle between the direction to the sun and the ideal heliostat normal"),
 }
 _NET = (
     "the error of a pixel is its estimated slope minus its true slope, minus the slope that the method estimates "
@@ -253,7 +252,7 @@ REGISTERED = {
     "registered_roll": quantity(
         ("camera",),
         "degree",
-        "estimated rotation of the camera, clockwise for an observer behind it",
+        "estimated rotation of the camera, clockwise for an observer behind the camera",
         "see the metadata key ROLL",
     ),
     "registered_column": quantity(
@@ -295,7 +294,7 @@ MEASURED = {
     "pixel_noise": quantity(
         (),
         "1",
-        "standard deviation of the noise of an image pixel relative to the sun's centre",
+        "standard deviation of image noise relative to the brightness of the sun's centre",
         "from the study, or estimated from the median of the squared residuals of LM",
     ),
     "gain": quantity((), "1", "median over the pixels of the gain estimated by LM", "1 if no gain is fitted"),
@@ -397,7 +396,7 @@ COORDINATES = {
     "z": ("position on the mirror, upwards", "m"),
     "module_of_pixel": ("number of the module at the pixel, 0 between modules", "1"),
     "hour": ("solar hour", "h"),
-    "disc_fraction": ("angle from the centre of the sun's disc divided by its angular radius", "1"),
+    "disc_fraction": ("angle from the centre of the sun's disc divided by the angular radius of the disc", "1"),
     "sun_world_azimuth": ("azimuth of the sun, clockwise from north", "degree"),
     "target_world_azimuth": ("azimuth of the target seen from the heliostat, clockwise from north", "degree"),
 }

@@ -4,7 +4,7 @@ The frames follow [1]_. In R_F, x points south, y points east and z points up, a
 Azimuths in this module are measured from south towards east. `basis(a, h)` returns the rotation from R_F to a frame
 whose x axis has azimuth a and elevation h. The x axis points to the sun for the rotation B_S, along the ideal mirror
 normal for B_H, and along R0, the direction from the mirror to the target, for B_R. Seen from the target, the mirror's y
-axis points to the right and its z axis up.
+axis points to the right and its z axis points up.
 
 The reconstruction assumes that the ideal mirror is the series expansion of a sphere with focal length f (Eqs. 1 and 2
 with D = f). The slopes p = (p_y, p_z) are deviations from the ideal mirror. The mirror normal N is parallel to (1, a,
@@ -15,11 +15,11 @@ R. The second and third components of B_S S, v and w, give the angle eps_i from 
 
 The kernels compute values only for pixels on modules, row by row; `maps` arranges these values on the grid.
 
-Images of a heliostat are rendered directly on the mirror grid, or rendered as pinhole camera images and then rectified
-to the mirror grid. The rendered surface differs from the ideal mirror of the reconstruction. Each module is part of an
-exact sphere, and canting rotates the module about its centre. A pointing error rotates the whole heliostat about its
-centre, and waviness adds random slopes. The brightness at a mirror pixel is found by tracing a ray back from the camera
-to the pixel and on to the sun's disc.
+Images of a heliostat are either rendered directly on the mirror grid, or rendered as pinhole camera images and then
+rectified. The rendered surface differs from the ideal mirror of the reconstruction: Each module is part of an exact
+sphere, and canting rotates the module about its centre. A pointing error rotates the whole heliostat about its centre,
+and waviness adds random slopes. The brightness at a mirror pixel is found by tracing a ray back from the camera to the
+pixel and on to the sun's disc.
 
 Pinhole camera i is at M_i and points at the heliostat's centre. A camera with zero roll is upright. Camera pixels are
 square. The column u increases to the right, and the row v increases downwards. The first pixel is centred at (0, 0).
@@ -255,8 +255,8 @@ def transfers(layout: Scene) -> Floats:
 def themis_8() -> Modules:
     """Return the eight modules of a THEMIS-like heliostat.
 
-    Each module is 3.6 m wide and 1.8 m high. The two columns of four modules have gaps of 5 cm. Seen from the target,
-    modules 1 to 4 form the left column (y < 0) from top to bottom, and modules 5 to 8 form the right column. The
+    Each module is 3.6 m wide and 1.8 m high. The modules form two columns of four, with gaps of 5 cm. Seen from the
+    target, modules 1 to 4 are the left column (y < 0) from top to bottom, and modules 5 to 8 are the right column. The
     positions of the modules are assumptions, because they have not been published.
     """
     size = 3.6, 1.8
@@ -268,7 +268,7 @@ def themis_8() -> Modules:
 def outline(modules: Modules) -> Floats:
     """Return the corners of the bounding rectangle of all modules, shape (4, 2). [m]
 
-    The corners (y, z) are top left, top right, bottom right and bottom left, as seen by the cameras.
+    The order of the corners (y, z), as seen by the cameras, is top left, top right, bottom right, bottom left.
     """
     low = (modules.centre - 0.5 * modules.size).min(axis=0)
     high = (modules.centre + 0.5 * modules.size).max(axis=0)
@@ -356,7 +356,7 @@ def mirror_offsets(
     """Return the point on the sun's disc that a camera sees in a mirror with the normal N ~ (1, a, b).
 
     `a` and `b` are the slopes of the ideal mirror plus p [rad]. `rx`, `ry` and `rz` are the components of the unit
-    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are the attributes of `Scene`. Returns the second and
+    vector R to a camera in the mirror frame. `sun_y` and `sun_z` are attributes of `Scene`. Returns the second and
     third components of B_S S, v and w [1], and their derivatives with respect to the slopes, dv/da, dv/db, dw/da and
     dw/db [1/rad].
     """
@@ -453,7 +453,7 @@ def module_spheres(
     canting : array_like, shape (M, 2)
         Canting slopes (horizontal, vertical) of each module, which rotate a normal along x to (1, c_y, c_z). [rad]
     pointing : array_like, shape (2,)
-        Slopes (horizontal, vertical) by which the whole heliostat is rotated. [rad]
+        Pointing slopes (horizontal, vertical), which rotate the whole heliostat. [rad]
 
     Returns
     -------
@@ -546,7 +546,7 @@ def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, 
     Returns
     -------
     ndarray
-        Brightness, in the shape of `images`. [1]
+        Brightness, same shape as `images`. [1]
     """
     out = images
     if noise > 0.0:

@@ -10,7 +10,7 @@ wavefront slopes: eps_i^2 - eps0_i^2 = -2 m_i.d + c, where c is the same for all
 with T from `geometry.transfers`. At least 3 lit cameras are required.
 
 Method O1 varies the wavefront slope w to minimise the sum of (g B(|m_i - w|) - I_i)^2 over the lit cameras, where B is
-the brightness profile of the sun and I_i the measured brightness. Methods O2 and LM trace the rays back and vary the
+the brightness profile of the sun and I_i is the measured brightness. Methods O2 and LM trace the rays back and vary the
 mirror slope p to minimise the sum of (g B(eps_i(p)) - I_i)^2. All three methods start from the result of method A. The
 gain g of a pixel is either 1 or fitted together with the slopes. If g is fitted, LM eliminates g by variable projection
 [2]_.
@@ -91,7 +91,7 @@ class SlopeFit(NamedTuple):
     gain, merit : ndarray, shape (N,)
         Gain g, which is 1 unless it is fitted, and minimum sum of squares. [1]
     evaluations : ndarray of int, shape (N,)
-        Number of evaluations of the merit in all stages.
+        Number of merit function evaluations in all stages.
     flags : ndarray of uint8, shape (N,)
         Sum of the flags that apply: `NOT_CONVERGED`, `UNLIT` and `OUTSIDE`.
     """
@@ -402,7 +402,7 @@ def ideal_wavefront(layout: Scene, ideal: Floats) -> Floats:
     """Return the wavefront slopes w_ideal of the ideal mirror, shape (2, N). [rad]
 
     The slopes are estimated by method A with all cameras. `ideal` contains squared angles from `look_back`, shape
-    (K, N) [rad^2]. w_ideal is the effect of aberrations at oblique incidence. The wavefront slopes w of a mirror with
+    (K, N) [rad^2]. w_ideal is caused by aberrations at oblique incidence. The wavefront slopes w of a mirror with
     defects are w_ideal plus the deviation d.
     """
     row = solutions(layout.gaze)[-1]
@@ -416,7 +416,7 @@ def wavefront_departures(
     """Return the deviations d of the wavefront slopes, shape (2, N) [rad], and the lit cameras.
 
     `images`, shape (K, N), contains brightness relative to the disc centre [1], with NaN for excluded pixels. `ideal`
-    contains squared angles from `look_back` [rad^2], and `rows` the least-squares solutions from `solutions`.
+    contains squared angles from `look_back` [rad^2], and `rows` contains the least-squares solutions from `solutions`.
     `threshold` is the minimum brightness of a lit camera. Deviations are NaN if fewer than 3 cameras are lit or the lit
     cameras are collinear. The lit cameras of each pixel are encoded as an integer: bit i is set if camera i is lit.
     """
@@ -504,7 +504,8 @@ _DRAWS = 2000
 def _draws(modules: int) -> Floats:
     """Return the same standard normal numbers in each call, shape (draws, 2, 2, modules).
 
-    The second axis is for level and curvature, and the third for the two directions.
+    The second axis is for the slope at the module's centre and the curvature, and the third axis for the two
+    directions.
     """
     count = max(_DRAWS * 50 // max(modules, 50), 100)
     half = np.random.Generator(np.random.Philox(0)).standard_normal((count // 2, 2, 2, modules))
@@ -512,12 +513,12 @@ def _draws(modules: int) -> Floats:
 
 
 def median_errors(away: Floats, variance: Floats, weight: Floats, lever: Floats) -> tuple[Floats, Floats]:
-    """Return standard errors of pointing, shape (2,), and canting, shape (2, M), from random draws of module errors.
+    """Return the standard errors of the pointing, shape (2,), and of the canting, shape (2, M), by random draws.
 
     `away`, shape (2, M), contains the slopes of the modules minus the slopes of the heliostat's own sphere and minus
-    the pointing [rad]. `variance`, shape (2, M, 3), contains the variances and the covariance of level and curvature.
-    `weight` is the weight of each module in the curvature of the heliostat. `lever`, shape (2, M), contains the
-    modules' centres [m].
+    the pointing [rad]. `variance`, shape (2, M, 3), contains the variances and the covariance of the slope at the
+    centre and the curvature of each module. `weight` is the weight of each module in the curvature of the heliostat.
+    `lever`, shape (2, M), contains the modules' centres [m].
     """
     draws = _draws(away.shape[1])
     spread = np.sqrt(variance[:, :, 0])
