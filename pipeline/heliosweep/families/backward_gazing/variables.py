@@ -71,7 +71,7 @@ _ESTIMATES = {
         OF_MODULE,
         "% slope at the centre of a module minus the pointing of the heliostat",
         "correction required at the adjustment screws, relative to the ideal heliostat; modules on a sphere with a "
-        "different focal length therefore have non-zero canting; from a plane fitted to the slopes of the eroded module",
+        "different focal length therefore appear canted; from a plane fitted to the slopes of the eroded module",
     ),
     **_both(
         "canting_%_standard_error",
