@@ -186,7 +186,7 @@ def panels(
     wide : bool
         If True, a figure with one panel is as wide as the page.
     **options
-        Options of `matplotlib.figure.Figure.subplots`. The additional option `layout` is the layout engine of the
+        Options of `matplotlib.figure.Figure.subplots`. The additional option `layout` selects the layout engine of the
         figure.
     """
     columns = min(columns, count)

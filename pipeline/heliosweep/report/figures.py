@@ -178,7 +178,7 @@ class Context:
     result : Dataset
         Result to show.
     held : mapping of str to object
-        Selected values of dimensions, as in `Figure.at`.
+        Selected value of each dimension, as in `Figure.at`.
     """
 
     def __init__(self, result: xr.Dataset, held: Mapping[str, Any] | None = None) -> None:
@@ -197,7 +197,7 @@ class Context:
         return np.argsort(values, kind="stable") if values.dtype.kind in "fiuM" else np.arange(values.size)
 
     def along(self, dim: str) -> tuple[np.ndarray, list[str]]:
-        """Return the axis positions of the sorted values of a dimension and the labels of categories."""
+        """Return the sorted axis positions along a dimension, and the labels of categories."""
         order = self.order(dim)
         if dim in self.result.coords and (values := self.coordinate(dim).to_numpy()).dtype.kind in "fiuM":
             return values[order], []
@@ -221,8 +221,8 @@ class Context:
     ) -> list[dict[str, int]]:
         """Return at most `most` points along a dimension, or one empty point without a dimension.
 
-        Points without a value in `known` are excluded. If `worst` is given, the points with its highest values are
-        returned.
+        Points without a value in `known` are excluded. If `worst` is given, the points with the highest values of
+        `worst` are returned.
         """
         if dim is None or dim not in self.result.sizes:
             return [{}]
@@ -348,7 +348,7 @@ class Figure:
         Variables in descending order of importance. Images show the variables that fit; interactive plots offer all
         variables.
     over : sequence of str
-        Dimensions of the axes in order of preference (default: chosen from the variables).
+        Dimensions of the axes in order of preference (default: chosen according to the variables).
     lines, panels : sequence of str
         Dimensions of the lines and of the panels, each in order of preference.
     at : mapping of str to object

@@ -418,7 +418,7 @@ class Run:
             return found
         if force:
             self.store.remove()
-        _ = self.plan  # rejects a study that is too large before the kernels are compiled
+        _ = self.plan  # rejects oversized studies before the kernels are compiled
         blocks = self.compute(progress)
         with self.timed("publish"):
             coordinates = self.coordinates.assign_attrs({**self._words, **self.coordinates.attrs})

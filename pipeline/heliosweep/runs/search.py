@@ -107,7 +107,7 @@ class SearchRun(Run):
     def _stored(self, number: int, point: np.ndarray, names: list[str]) -> np.ndarray | None:
         """Return the results of a stored evaluation, or None if the evaluation is not stored.
 
-        Raises HeliosweepError if the stored evaluation belongs to another point.
+        Raises HeliosweepError if the stored evaluation belongs to a different point.
         """
         stored = self.store.load(piece_name("points", number))
         if stored is None:

@@ -40,7 +40,7 @@ def pack_result(
     draft: bool = False,
     force: bool = False,
 ) -> Path:
-    """Write a result folder as an archive that can be verified and rerun.
+    """Pack a result folder into an archive that can be verified and rerun.
 
     Parameters
     ----------

@@ -410,7 +410,7 @@ def tower_electricity(
         "flux_maps": table_rows(flux), "helio_positions": place.tolist(), "N_hel": len(place),
         "dens_mirror": 1.0, "helio_height": model.value("helio_height"), **(inputs or {}),
     }  # fmt: skip
-    # SAM computes the total mirror area from the number and sides of the mirrors and `dens_mirror`.
+    # SAM computes the total mirror area from `dens_mirror` and the number and sides of the mirrors.
     given.setdefault("helio_width", mirror_area / len(place) / given["helio_height"] / given["dens_mirror"])
     if heat is not None:
         share, multiple = (given.get(key, model.value(key)) for key in ("design_eff", "solarm"))

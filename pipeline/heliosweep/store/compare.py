@@ -74,7 +74,7 @@ def compare(
     Raises
     ------
     StudyError
-        If a path contains no result, or a tolerance is negative.
+        If a path contains no result, or if a tolerance is negative.
     HeliosweepError
         If a result is damaged.
     """

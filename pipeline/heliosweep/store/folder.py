@@ -197,7 +197,7 @@ def made(folder: Path) -> Iterator[None]:
 def check_contents(folder: Path, study: Study, force: bool) -> None:
     """Raise StudyError if a run would replace inputs of the study, or files that do not belong to a result.
 
-    If `force` is True, the run may replace existing files that have the names of result files.
+    If `force` is True, the run may replace existing files with the names of result files.
     """
     inputs = {study.resolve(name).resolve() for names in study.files().values() for name in names}
     if study.source.path:
@@ -355,7 +355,7 @@ def is_netcdf(path: Path) -> bool:
 
 
 def locate(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a NetCDF file, or of the result in a folder. Raises StudyError if there is no result."""
+    """Return the path of a NetCDF file, or of the result file in a folder. Raises StudyError if there is no result."""
     place = user_path(path)
     if not place.exists():
         raise StudyError(Problem("no such file or folder", file=str(place)))

@@ -248,7 +248,7 @@ def write_result(
     cuts : mapping of str to Cut
         Division of each kind of variable into blocks, which are also the storage chunks of compressed variables.
     output : Output
-        Block `output` of the study, which specifies the compression of time series.
+        Block `output` of the study. It specifies the compression of time series.
     folder : pathlib.Path
         Result folder.
 
