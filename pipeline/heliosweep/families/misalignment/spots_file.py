@@ -147,7 +147,7 @@ class MeasuredSpots:
     unused : tuple of str
         Titles of ignored columns.
     spot : tuple of str
-        Name of each spot; empty if the file has none.
+        Name of each spot; empty if the spots have no names.
     """
 
     heliostat: NDArray[np.int64]
@@ -349,7 +349,7 @@ def _unit_vectors(table: Table, sun: Floats) -> Floats:
 
 
 class Segments(NamedTuple):
-    """Line segments (S) of all detector arrays (A), in the order of the arrays.
+    """S line segments of A detector arrays, in the order of the arrays.
 
     Positions along an array are measured from its first point. Positions along an infinite line are measured from the
     foot of the perpendicular from the aim point. [m]

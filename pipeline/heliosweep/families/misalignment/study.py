@@ -230,7 +230,9 @@ class MountErrors(MountAngles):
     ] = None
     seed: Annotated[
         int | None,
-        Quantity("Seed for the distributions that have no seed", "1", ge=0, le=MAX_SEED, integer=True, sweep=False),
+        Quantity(
+            "Seed for distributions without a seed of their own", "1", ge=0, le=MAX_SEED, integer=True, sweep=False
+        ),
     ] = None
 
     def draws(self) -> int:
