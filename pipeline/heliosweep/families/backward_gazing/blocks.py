@@ -213,7 +213,7 @@ class Cameras(Block):
     noise: Annotated[
         float | Sweep,
         Quantity("Standard deviation of the pixel noise, relative to the brightness of the sun's centre", "1", ge=0,
-                 le=1, dimension="camera_noise", title="camera noise relative to the sun's centre"),
+                 le=1, dimension="camera_noise", title="camera noise relative to the brightness of the sun's centre"),
     ] = 0.0  # fmt: skip
     gain_error: Annotated[
         float | Sweep,
@@ -238,7 +238,7 @@ class Cameras(Block):
         Choice(
             "Type of camera images",
             {
-                "mirror_grid": "brightness on the mirror's grid, as seen by a perfect camera",
+                "mirror_grid": "brightness on the mirror grid, as seen by a perfect camera",
                 "camera": "images of pinhole cameras, rectified to the mirror grid",
                 "fourier": "images of pinhole cameras, rotated and centred by Fourier transforms, as for methods A "
                 "and O1 in the paper",
@@ -273,7 +273,7 @@ class Defects(Block):
     canting: Annotated[
         dict[str, Annotated[Two, Numbers("Canting", "mrad", ("horizontal", "vertical"), ge=-100, le=100)]],
         Field(
-            description=("Canting by module number, counted from 1: [horizontal, vertical] slope of the module in mrad")
+            description=("Canting of modules, by module number (counted from 1): [horizontal, vertical] slope in mrad")
         ),
     ] = Field(default_factory=dict)
     canting_scale: Annotated[
@@ -299,7 +299,7 @@ class Defects(Block):
     curvature: Annotated[
         dict[str, Annotated[tuple[float, float, float],
                             Numbers("Curvature", ("m", "m", "deg"), ("first focal length", "second", "axis"))]] | None,
-        Field(description=("Curvature by module number, counted from 1: two principal focal lengths in m, "
+        Field(description=("Curvature of modules, by module number (counted from 1): two principal focal lengths in m, "
                           "and the direction of the first in deg, upwards from horizontal as seen from the target; "
                           "modules without an entry have focal_length in both directions")),
     ] = None  # fmt: skip
@@ -474,8 +474,8 @@ class ImageGeometry(Block):
     noise: Annotated[
         float | None,
         Quantity((
-            "Standard deviation of the pixel noise, relative to the sun's centre (default: estimated from the "
-            "residuals)"
+            "Standard deviation of the pixel noise, relative to the brightness of the sun's centre (default: "
+            "estimated from the residuals)"
         ),
                  "1", ge=0, sweep=False),
     ] = None  # fmt: skip

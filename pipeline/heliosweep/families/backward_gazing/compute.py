@@ -151,7 +151,7 @@ def formula_fit(brightness: ArrayLike) -> tuple[float, float, float, float]:
     Parameters
     ----------
     brightness : array_like, shape (n,)
-        Brightness at equal steps from the centre to the edge of the disc, n > 3. [1]
+        Brightness at equally spaced angles from the centre to the edge of the disc, n > 3. [1]
 
     Returns
     -------
@@ -625,7 +625,7 @@ def percentiles(study: BackwardGazingStudy, points: Points, computed: xr.Dataset
 
 
 def mixed_seed(seed: int, *numbers: int) -> int:
-    """Derive a separate seed for each combination of numbers with the SplitMix64 finaliser."""
+    """Derive a different seed for each combination of numbers with the SplitMix64 finaliser."""
     for number in numbers:
         seed = (seed + (number + 1) * 0x9E3779B97F4A7C15) % 2**64
         seed = ((seed ^ (seed >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
@@ -708,7 +708,7 @@ def _of_images(result: xr.Dataset, usable: xr.DataArray) -> Iterator[str]:
     least = usable.min([dim for dim in usable.dims if dim != "module"]).to_numpy()
     if (few := np.flatnonzero(least < HARDLY)).size:
         modules = ", ".join(f"{result['module'].to_numpy()[row]} ({100 * least[row]:.0f} %)" for row in few)
-        yield f"fewer than half of the pixels have slopes in module {modules}: the estimates depend on few pixels"
+        yield f"fewer than half of the pixels have slopes in module {modules}: estimates depend on only a few pixels"
     known = result["slope_x"].notnull().any(dim="referential")
     for method in result["slope_method"].to_numpy():
         flagged = ((result["quality"] & NOT_CONVERGED) > 0) & known

@@ -233,7 +233,8 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     needs_gain : bool
         True if a gain must be fitted for each pixel, because a white level was not measured through the mirror.
     noise : float
-        Standard deviation of a pixel's noise relative to the sun's centre; NaN to estimate it from the residuals. [1]
+        Standard deviation of the pixel noise relative to the brightness of the sun's centre; NaN if the noise must be
+        estimated from the residuals. [1]
     metadata : list of dict
         Metadata of the images.
     """
@@ -291,7 +292,7 @@ def bright_level(image: Floats) -> float:
 
 
 def read_sun(study: BackwardGazingStudy) -> tuple[SunProfile | None, list[str]]:
-    """Return the sun profile from the sun image or table of a study (or None), and notes. Raises StudyError."""
+    """Return the sun profile from the study's sun image or table, or None, and notes. Raises StudyError."""
     key, name, table = "sun.image", study.sun.image, study.sun.profile
     if name is None:
         return None if table is None else read_disc(study.resolve(table), table), []

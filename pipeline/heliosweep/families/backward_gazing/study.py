@@ -130,7 +130,7 @@ class BackwardGazingStudy(Study):
         return frozenset((*names.FIELD, *names.SIMULATED, *names.MAPS, *names.over_seeds(()), *labels, *keys))
 
     def rules(self) -> Iterator[Fault]:
-        """Check that the study has the blocks that its mode needs, and no other blocks."""
+        """Check that the study contains all blocks that its mode requires, and no others."""
         yield from self.output.without_series()
         sun, output = self.sun, self.output
         only = "is only for mode: {}: remove it, or change 'mode'"

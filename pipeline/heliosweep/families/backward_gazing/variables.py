@@ -32,8 +32,7 @@ STATUS = {
     NOT_IDENTIFIABLE: "cameras_in_one_line_or_no_reflection_possible",
     NO_PROFILE: "noise_makes_the_sun_no_darker_at_its_edge",
 }
-#: Bits of `quality`. The search for slopes sets the first three bits. The last two bits are set only for measured
-#: images.
+#: Bits of `quality`. The slope search sets the first three bits. The last two bits are set only for measured images.
 QUALITY = {
     NOT_CONVERGED: "not_converged",
     UNLIT: "fewer_than_three_cameras_lit",
@@ -53,7 +52,7 @@ _HOUR = ("heliostat", "hour")
 
 
 def _both(name: str, dims: tuple[str, ...], long_name: str, comment: str = "", units: str = "mrad") -> dict[str, Any]:
-    """Return the x and y variables of a quantity.
+    """Return the variables for the x and y components of a quantity.
 
     ``%`` is replaced by x or y in the name, and by the direction in the long name.
     """
@@ -247,7 +246,7 @@ FIELD = {
     **{name: replace(SIMULATED[name], dims=_HOUR) for name in ("cramer_rao_bound_x", "cramer_rao_bound_y")},
 }
 
-#: Variables that locate the heliostat in an image, in the order that `compute.registered` uses.
+#: Variables that locate the heliostat in an image, in the order used by `compute.registered`.
 REGISTERED = {
     "registered_roll": quantity(
         ("camera",),
@@ -329,8 +328,8 @@ MEASURED = {
         ("slope_method", *PLANE),
         "quality flags of the slopes",
         QUALITY,
-        "cameras that are saturated, invalid, out of frame, at an edge or at the limb of the disc are excluded at "
-        "the pixel",
+        "a camera is excluded at a pixel that is saturated, invalid, out of frame, at an edge of a module or at the "
+        "limb of the disc in the image",
         "flag_masks",
     ),
 }

@@ -115,15 +115,15 @@ class MirrorGrid(NamedTuple):
     Attributes
     ----------
     y, z : ndarray, shape (ny,) and (nz,)
-        Pixel centres, ascending. [m]
+        Pixel centres, in ascending order. [m]
     module : ndarray of int, shape (nz, ny)
         Number of the module at each pixel, counted from 1; 0 between modules.
     place : ndarray of int, shape (N,)
-        Indices of the N pixels on modules in the flattened grid, ascending.
+        Indices of the N pixels on modules in the flattened grid, in ascending order.
     pixels : ndarray, shape (2, N)
         Coordinates y and z of the N pixels on modules. [m]
     pixel_module : ndarray of int, shape (N,)
-        Row in `Modules` of the module at each of the N pixels, counted from 0.
+        Index in `Modules` of the module at each of the N pixels.
     """
 
     y: Floats

@@ -26,10 +26,10 @@ The canting, pointing and focal length of the modules are estimated from the slo
 module centre), is fitted to the slopes of each module. The value c at the module's centre is the slope that the
 adjustment screws would have to correct. The common gradient k = dp_y/dy = dp_z/dz of all modules gives their focal
 length f: k = 1 / 2 f0 - 1 / 2 f, where f0 is the focal length of the ideal mirror. The pointing of the heliostat is the
-median of c - k (module centre) over the modules. A focal length error or a few bad modules therefore do not affect the
-estimated pointing. The canting of a module, relative to the ideal heliostat, is c minus the pointing. Modules on a
-sphere with a different focal length therefore have non-zero canting. A single module is not sufficient to separate
-canting from pointing.
+median of c - k (module centre) over the modules. The estimated pointing is therefore insensitive to a focal length
+error and to a few bad modules. The canting of a module, relative to the ideal heliostat, is c minus the pointing.
+Modules on a sphere with a different focal length therefore have non-zero canting. A single module is not sufficient to
+separate canting from pointing.
 
 The gradients of the two slopes of a module give its symmetric curvature matrix C = I / 2 f0 - K. The diagonal of K
 contains dp_y/dy and dp_z/dz. Both off-diagonal elements are the mean of dp_y/dz and dp_z/dy, which are equal on any
@@ -140,7 +140,7 @@ def fit_slopes(
     pixels : array_like, shape (2, N)
         Coordinates y and z of the pixels, relative to the mirror centre. [m]
     threshold : float
-        Minimum brightness of a lit camera; a camera with NaN is not lit. [1]
+        Minimum brightness of a lit camera; a camera with NaN brightness is not lit. [1]
     fit_gain : bool
         If True, fit a gain for each pixel, common to all cameras.
     limit : int
@@ -276,9 +276,9 @@ def nelder_mead(function, task, a, b, simplex, xatol, fatol, limit):
     """Minimise a function of (a + x, b + y) over x and y, starting from three vertices (x, y, value).
 
     `simplex` has five rows: three vertices and two trial points. Returns the number of evaluations, and the second
-    value from the last call of `function`. The search ends if all vertices are within `xatol` of the best vertex in
-    both coordinates and within `fatol` in value, or if the number of evaluations reaches `limit`. On return, the first
-    vertex is the minimum.
+    return value of the last call of `function`. The search ends if all vertices are within `xatol` of the best vertex
+    in both coordinates and within `fatol` in value, or if the number of evaluations reaches `limit`. On return, the
+    first vertex is the minimum.
     """
     count, last = 3, 0.0
     for j in range(3):
@@ -461,7 +461,8 @@ def slope_bound(
         Slopes p relative to the ideal mirror. [rad]
     noise : array_like, shape (), (N,) or (K, N)
         Standard deviation of the normally distributed noise in each image, relative to the disc centre in the image.
-        For cameras with a gain, `noise` is the camera noise divided by the gain. Cameras with NaN are excluded. [1]
+        For cameras with a gain, `noise` is the camera noise divided by the gain. Cameras with NaN noise are excluded.
+        [1]
     fit_gain : bool
         If True, the slopes are fitted together with a gain for each pixel, common to all cameras.
     lit : ndarray of int, shape (N,), optional
@@ -504,8 +505,8 @@ _DRAWS = 2000
 def _draws(modules: int) -> Floats:
     """Return the same standard normal numbers in each call, shape (draws, 2, 2, modules).
 
-    The second axis is for the slope at the module's centre and the curvature, and the third axis for the two
-    directions.
+    The second axis distinguishes the slope at the module's centre from the curvature, and the third axis distinguishes
+    the two directions.
     """
     count = max(_DRAWS * 50 // max(modules, 50), 100)
     half = np.random.Generator(np.random.Philox(0)).standard_normal((count // 2, 2, 2, modules))
