@@ -285,7 +285,7 @@ def test_both_clock_changes():
     file = read_of("\n".join(["time,dni", *rows]), label="start", timezone="Europe/Madrid")
     assert energies(file, ALMERIA) == pytest.approx(SPANISH, abs=2e-6)
     standard = table("time,dni", lambda time, dni: f"{time:%Y-%m-%d %H:%M},{dni}")
-    with pytest.raises(StudyError, match=r"repeats the time .* the clocks of Europe/Madrid change there"):
+    with pytest.raises(StudyError, match=r"repeats the time .* the clocks of Europe/Madrid change here"):
         read_of(standard, label="start", timezone="Europe/Madrid")
 
 

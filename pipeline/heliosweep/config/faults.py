@@ -19,7 +19,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 #: Maximum number of reported faults in one list.
 MAX_FAULTS = 100
 
-#: Terms that users may know from other programs or the literature, with hints about the correct keys.
+#: Terms from other programs and the literature, with hints about the corresponding keys.
 SYNONYMS = {
     **dict.fromkeys(
         ("slurm", "pbs", "sge", "lsf", "oar", "htcondor"),

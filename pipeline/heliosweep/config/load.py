@@ -141,7 +141,9 @@ def file_names(study_class: type[Study], data: Any) -> Iterator[tuple[Path, str]
         *outer, key = path[:-1] if isinstance(path[-1], int) else path
         blocks = [block for block in blocks_at(study_class, outer) if key in block.model_fields]
         inner = [block for block in blocks_at(study_class, path) if isinstance(path[-1], int) and blocks]
-        listed = any("file" in block.model_fields for block in inner[:1])  # a file name instead of a block
+        listed = any(
+            "file" in block.model_fields for block in inner[:1]
+        )  # the list contains a file name instead of a block
         if listed or any(isinstance(block.parameter(str(key)), FileName) for block in blocks):
             yield path, name
 
@@ -291,7 +293,7 @@ def _merged(
 ) -> dict[str, Any]:
     """Merge keys into a block. A null value removes a key. The paths of replaced values are added to `replaced`."""
     together = dict(below)
-    if at == ("layout",) and {*SOURCES} & {*given}:  # a different kind of layout
+    if at == ("layout",) and {*SOURCES} & {*given}:  # the source of the layout changes
         together = {key: value for key, value in below.items() if key not in (*SOURCES, *GROUND) or key in given}
     for key, value in given.items():
         path: Path = (*at, key)

@@ -172,7 +172,7 @@ def from_python(value: Any) -> Any:
         return {str(key) if type(key) is int else key: from_python(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
         return [from_python(entry) for entry in value]
-    if isinstance(value, range):  # not expanded, because a range may be long
+    if isinstance(value, range):  # do not expand a range, because it may be long
         return {"start": value[0], "stop": value[-1], "num": len(value)} if value else []
     if isinstance(value, os.PathLike):
         return os.fspath(value)

@@ -119,7 +119,7 @@ class Study(Block):
 
     @cached_property
     def _findings(self) -> tuple[Problem | str, ...]:
-        found: dict[Problem | str, None] = {}  # a problem that two checks find is reported once
+        found: dict[Problem | str, None] = {}  # report a problem found by two checks only once
         for key, _, value in self.parameters():
             if isinstance(value, Drawn) and value.cut:
                 ends = " to ".join(f"{end:.6g}" if abs(end) > 1e-300 else "0" for end in value.parts[2:])
@@ -190,7 +190,7 @@ class Study(Block):
     def parameters(self) -> tuple[tuple[str, Parameter, Any], ...]:
         """Return the dotted key, declaration and value of each specified parameter, in the order of declaration."""
         given: tuple[tuple[str, Parameter, Any], ...] = self.__dict__.get("_given") or tuple(parameters(self))
-        self.__dict__["_given"] = given  # cached, because each chunk needs the parameters; copies drop the cache
+        self.__dict__["_given"] = given  # cache the parameters, because each chunk needs them; copies drop the cache
         return given
 
     def sweeps(self) -> dict[str, Sweep]:

@@ -553,7 +553,7 @@ def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
                         (("year", YEAR), ("month", 1), ("day", 1)))  # fmt: skip
     minute = parts.get("minute", np.full(len(table), 30.0 if sheet.kind == "SAM" else 0.0))
     if sheet.kind == "EPW" and np.all(minute == minute[0]):
-        minute = 0 * minute  # minutes have no meaning in hourly rows
+        minute = 0 * minute  # ignore the minutes of hourly rows
     elif np.any(minute > 0) and _hours(table)[1] == 24:
         minute -= 60  # the minutes belong to hours that are labelled by their end
     first = ((year - 1970) * 12 + month - 1).astype("datetime64[M]").astype("datetime64[D]")
@@ -604,7 +604,8 @@ def _step(
     table.require(step >= 0, "has rows in reverse order: sort the rows by time")
     apart = f"has rows {step:g} minutes apart: use intervals of an hour or of a fraction of an hour"
     table.require(0 < step <= 60 and 1440 % step == 0, apart)
-    # Use the midpoints of intervals on a clock without summer time, because 28 February ends at 0:00 of the next day.
+    # Use interval midpoints on a clock without summer time, because the last row of 28 February may be at 0:00 of the
+    # next day.
     walls = utc + (walls[0] - utc[0]) + np.timedelta64(round(60 * step * _TO_MIDDLE.get(sheet.mark, 0)), "s")
     dates, months = walls.astype("datetime64[D]"), walls.astype("datetime64[M]")
     month, day = months.astype(np.int64) % 12, (dates - months.astype("datetime64[D]")).astype(np.int64)
@@ -615,7 +616,7 @@ def _step(
         year = 1440 * (365 + leap)
         candidates.append((np.diff(place) + year / 2) % year - year / 2)
     best = min(range(3), key=lambda at: int(np.count_nonzero(candidates[at] != step)))
-    change = f" (or the clocks of {zone} change there, and the times are standard time)" if zone and "/" in zone else ""
+    change = f" (or the clocks of {zone} change here, but the file uses standard time)" if zone and "/" in zone else ""
     gaps = candidates[best]
     for row in np.flatnonzero(gaps != step).tolist():
         gap = float(gaps[row])
