@@ -62,7 +62,7 @@ from heliosweep.store.folder import MANIFEST, OUTPUTS, STUDIES, locate, page_hea
 PAGE, SUMMARY, FIGURES = "report.html", "summary.html", "figures"
 #: Name of the file that lists the figures of a report. The next report removes only these files.
 DRAWN = ".drawn"
-#: Maximum size of a result that is loaded into memory completely. [bytes]
+#: Maximum size of a result that is fully loaded into memory. [bytes]
 LOADED = 2**24
 
 

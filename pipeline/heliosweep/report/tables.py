@@ -305,7 +305,9 @@ def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
     arrays = [result[name] for name in order if result[name].size <= MOST_NUMBERS]
     rows = []
     for array in arrays[:MOST_RANGES]:
-        values = np.asarray(printed(array.copy(deep=False)), dtype=float)  # the copy keeps the values out of the cache
+        values = np.asarray(
+            printed(array.copy(deep=False)), dtype=float
+        )  # the copy prevents caching of the values in the result
         values = values[np.isfinite(values)]
         if values.size:
             ends = number_texts(np.array([values.min(), np.median(values), values.max()]))

@@ -123,7 +123,8 @@ def efficiency_table(
     variable : str, optional
         Variable of the whole field (default: total efficiency with `optics`, otherwise optical efficiency).
     factor : float
-        Product of efficiency factors that the result omits, such as the absorptance of the receiver, 0 to 1. [1]
+        Product of efficiency factors that the result omits, such as the absorptance of the receiver, between 0 and 1.
+        [1]
 
     Returns
     -------

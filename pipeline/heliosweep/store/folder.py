@@ -335,7 +335,7 @@ def target_file(
 
 
 def sources_of(study: Study) -> set[Path]:
-    """Return the study file, its included studies, and the input files of all of them."""
+    """Return the paths of the study file, its included studies and all their input files."""
     paths = {study.resolve(name) for names in study.files().values() for name in names}
     from heliosweep.config.load import file_names
     from heliosweep.config.source import read
