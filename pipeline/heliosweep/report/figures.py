@@ -54,7 +54,7 @@ def is_fraction(array: xr.DataArray) -> bool:
 
 
 def is_signed(low: float, high: float) -> bool:
-    """Return True if a range extends beyond zero by more than 2 % of its maximum magnitude on each side."""
+    """Return True if a range has values of both signs, each above 2 % of the maximum magnitude."""
     return min(-low, high) > 0.02 * max(-low, high)
 
 

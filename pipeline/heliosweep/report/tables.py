@@ -305,9 +305,7 @@ def ranges(result: xr.Dataset, names: Collection[str] = ()) -> Table:
     arrays = [result[name] for name in order if result[name].size <= MOST_NUMBERS]
     rows = []
     for array in arrays[:MOST_RANGES]:
-        values = np.asarray(
-            printed(array.copy(deep=False)), dtype=float
-        )  # the copy prevents caching of the values in the result
+        values = np.asarray(printed(array.copy(deep=False)), dtype=float)  # a copy, so the result caches no values
         values = values[np.isfinite(values)]
         if values.size:
             ends = number_texts(np.array([values.min(), np.median(values), values.max()]))
