@@ -1,4 +1,7 @@
-"""Compute field efficiencies over a region of the grid, by ray tracing with `optics`, otherwise by exact polygons."""
+"""Compute field efficiencies over a region of the result grid.
+
+Studies with `optics` are computed by ray tracing, other studies with exact polygons.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,7 @@ if TYPE_CHECKING:
 
 #: Maximum size of an array with values for all instants and one heliostat block. [bytes]
 BLOCK_BYTES = 4 * 2**20
-#: Number of rays that take as long to compute as one heliostat at one instant without optics.
+#: Number of rays that take as long to trace as one heliostat-instant without optics takes to compute.
 BUNDLE = 64
 
 #: Memory for the frames of one mirror at all sun directions in a packet. [bytes]
@@ -88,20 +91,20 @@ _LABELS = (
     *(*_SIZES, "heliostat.pivot_height", "receiver.height", *_KEEP),
 )
 
-#: Labels of the outline dimensions, and attributes of these labels.
+#: Labels of the outline dimensions, with their attributes.
 _OUTLINES: dict[str, tuple[np.ndarray, dict[str, str]]] = {
     "effect": (np.array(["shading", "blocking"], object), {"long_name": "cause of the loss: shading or blocking"}),
     "image": (np.arange(0),
               {"long_name": (
-                  "number of an outline on the mirror, counted from 0, in descending order of area"
+                  "outline number on the mirror, counted from 0 in descending order of area"
               ), "units": "1"}),
     "corner": (np.arange(efficiency.OUTLINE_CORNERS),
-               {"long_name": "number of a corner of an outline, counter-clockwise, counted from 0", "units": "1"}),
+               {"long_name": "corner number of the outline, counted counter-clockwise from 0", "units": "1"}),
 }  # fmt: skip
 
 
 def computation(study: FieldEfficiencyStudy) -> Computation:
-    """Return the variables of a study with the functions that compute them."""
+    """Return the variables of a study and the functions that compute their values."""
     shapes = study.output.outlines
     outlined = _OUTLINES | {"image": (np.arange(shapes), _OUTLINES["image"][1])} if shapes else {}
     traced_series = is_series_traced(study)
@@ -139,14 +142,14 @@ def _prepare(study: FieldEfficiencyStudy) -> None:
 def _energy_labels(study: FieldEfficiencyStudy) -> dict[str, tuple[np.ndarray, dict[str, str]]]:
     if study.weather is None:
         return {}
-    words = "stage of the optical path at which energy is lost, in order along the light path"
+    words = "stage at which energy is lost, in order along the light path"
     all_stages = (*stages(study), *(HEAT_STAGES if has_heat(study) else ()))
-    items = {"item": (np.array(ITEMS, object), {"long_name": "item of the capital cost"})}
+    items = {"item": (np.array(ITEMS, object), {"long_name": "capital cost item"})}
     return {
         "month": (np.arange(1, MONTHS + 1), {"long_name": "month of the year", "units": "1"}),
         "stage": (np.array(all_stages, object), {"long_name": words}),
         "cause": (
-            np.array(causes(study), object), {"long_name": "limit outside which the field does not operate"},
+            np.array(causes(study), object), {"long_name": "limit that prevents the field from operating"},
         ),
         **(items if study.economics is not None else {}),
     }  # fmt: skip
@@ -169,11 +172,11 @@ def _fixed_memory(study: FieldEfficiencyStudy) -> int:
     """Return the memory needed for neighbouring mirrors, values at all instants, and one heliostat block. [bytes]"""
     heliostats, instants = longest(study), _instants(study)
     each = 4 * (24 + 40 * study.output.tracking_angles) + 200 * (study.weather is not None)
-    # The sums over the heliostats at an instant have 640 bytes.
+    # The sums over the heliostats need 640 bytes per instant.
     each += 2 * 640 * (KEPT * is_series_traced(study) or has_heat(study))
     block = (8 if _series(study) else 4 * _complete(study)) * min(BLOCK_BYTES, 8 * heliostats * instants)
     block += images(study, heliostats, instants)[1]
-    # If the sun is low, at most 5000 neighbouring mirrors shade a part of the field. A mirror has 200 bytes.
+    # When the sun is low, up to 5000 neighbouring mirrors shade part of the field. Each mirror needs 200 bytes.
     return min(heliostats, 5000) * FRAME_BYTES + heliostats * 200 + each * instants + block
 
 
@@ -184,8 +187,8 @@ def _series(study: FieldEfficiencyStudy) -> bool:
 def compute_point(point: Point) -> dict[str, np.ndarray]:
     """Compute efficiencies and energies over the period, or their time series.
 
-    Values are missing (NaN) at instants with the sun below the horizon, and means are missing if the sun is never up.
-    Rays are traced once for both the means and the time series of a field.
+    Values at instants with the sun below the horizon are NaN. Means are NaN if the sun is never up. The means and the
+    field series are computed from the same rays.
     """
     series, inputs, key = "time" in point.points.region, point.inputs, tuple(point.position.values())
     if not is_series_traced(point.study):
@@ -196,9 +199,9 @@ def compute_point(point: Point) -> dict[str, np.ndarray]:
 
 
 def _values(point: Point, series: bool, sums: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """Return the values at a point of the result, and the ray sums at each instant if time series or heat need them.
+    """Return the values at a result point, and the ray sums at each instant if time series or heat need these sums.
 
-    If `series` is True, the values are time series. If `sums` is given, no rays are traced.
+    If `series` is True, the values are time series. If `sums` is given, the values are computed without tracing rays.
     """
     study, layout = point.study, point.layout
     first, stop, _ = point.part("heliostat").indices(len(layout))
@@ -235,7 +238,7 @@ def _values(point: Point, series: bool, sums: np.ndarray | None = None) -> dict[
 
 
 def _spread(values: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Expand values of the kept heliostats to all heliostats (last dimension), with NaN for the omitted heliostats."""
+    """Expand values of the kept heliostats to all heliostats (last axis). Values of omitted heliostats are NaN."""
     whole = np.full((*values.shape[:-1], kept.size), np.nan)
     whole[..., kept] = values
     return whole
@@ -266,7 +269,7 @@ def _series_of(
     point: Point, field: Field | TracedField, sun: np.ndarray, part: slice, hours: Hours | None, first: int, stop: int,
     sums: np.ndarray | None,
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:  # fmt: skip
-    """Return the values of heliostats `first` to `stop` - 1, of the field and of the sun at the instants of `part`."""
+    """Return time series of heliostats `first` to `stop` - 1, the field and the sun for the instants in `part`."""
     x, y, z = np.where(sun[part, 2:] > 0, sun[part], np.nan).T
     of_field = {"sun_azimuth": np.degrees(np.arctan2(x, y)) % 360.0,
                 "sun_elevation": np.degrees(np.arctan2(z, np.hypot(x, y)))}  # fmt: skip
@@ -287,7 +290,7 @@ def _series_of(
 def _angles(
     point: Point, field: Field | TracedField, sun: np.ndarray, first: int, stop: int, series: bool
 ) -> dict[str, np.ndarray]:
-    """Return the mount angles at each instant or for one sun direction, or the motion of the mounts over the period."""
+    """Return mount angles for time series or sun directions, otherwise the motion of the mounts over the period."""
     directions = isinstance(point.study.time, SunDirections)
     names = [f"instantaneous_{name}" for name in ANGLES] if series else ANGLES if directions else MOTION
     over = None if series or directions else point.all_instants
@@ -297,7 +300,10 @@ def _angles(
 
 
 def light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
-    """Return the sun directions at a point, irradiation (None without weather), and months (None if not needed)."""
+    """Return the sun directions, the irradiation and the months at a result point.
+
+    The irradiation is None without weather. The months are None unless cleanliness by month is used without weather.
+    """
     study, points, place = point.study, point.points, [point[key] for key in PLACE]
     around = points.once("around", lambda: Parameters(study, {k: v for k, v in points.region.items() if k != "time"}))
     suns = points.once("suns", lambda: Suns(around if _complete(study) else points.parameters))
@@ -314,7 +320,7 @@ def light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]
 def blocks_of(
     field: Field | TracedField, sun: Floats, hours: Hours | None, first: int, stop: int
 ) -> dict[str, np.ndarray]:
-    """Return means or energies of the heliostats `first` to `stop` - 1."""
+    """Return the energies of heliostats `first` to `stop` - 1, or their mean efficiencies if `hours` is None."""
     blocks = _blocks(field.study, len(sun), first, stop)
     if hours is None:
         return _joined([field.means(sun, start, end) for start, end in blocks])
@@ -328,7 +334,7 @@ def _design(field: Field | TracedField, start: int, end: int) -> dict[str, np.nd
 
 
 class Altered(Point):
-    """Result point at which `values` override the values of some keys."""
+    """Result point whose key values are overridden by `values`."""
 
     def __init__(self, point: Point, values: Mapping[str, Any]) -> None:
         vars(self).update(vars(point))
@@ -365,7 +371,7 @@ def _joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
 def _field(
     point: Point, layout: Layout, *, months: np.ndarray | None, aim: np.ndarray | None = None
 ) -> Field | TracedField:
-    """Return the heliostat field of a layout for the key values at a point; `aim` overrides the study's aim points."""
+    """Return the heliostat field of a layout at a result point. If given, `aim` overrides the study's aim points."""
     study, place = point.study, [point[key] for key in PLACE]
     sides = _sides(point, layout)
     mirrors: Geometry = (
@@ -395,20 +401,20 @@ def _field(
 
 
 def _complete(study: FieldEfficiencyStudy) -> bool:
-    """Return True if the computation needs all instants together for interpolation, weights or sums."""
+    """Return True if interpolation, weights or sums need all instants at once."""
     output, kept = study.output, study.keep is not None
     return study.optics is not None or study.weather is not None or output.field_series or kept
 
 
 def _blocks(study: FieldEfficiencyStudy, instants: int, start: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Yield ranges of heliostats to compute together. Memory for values at all instants limits the range length."""
+    """Return ranges of heliostats that are computed together. Without optics, `BLOCK_BYTES` limits the range length."""
     length = max(32, BLOCK_BYTES // (8 * max(instants, 1))) if _complete(study) else stop - start
-    length = 4096 if study.optics is not None else length  # number of mirrors that are traced together
+    length = 4096 if study.optics is not None else length  # number of mirrors traced together
     return ((first, min(first + length, stop)) for first in range(start, stop, length))
 
 
 def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
-    """Compute area-weighted means and sums over the heliostats, and the size of the field."""
+    """Compute field sums, area-weighted field means and field sizes."""
     arrays, study = {str(name): array.to_numpy() for name, array in computed.items()}, points.study
     each = [_finished(point, {name: array[point.index] for name, array in arrays.items()}) for point in points]
     made = {name: np.reshape([one[name] for one in each], (*points.sizes.values(), *np.shape(value)))
@@ -420,7 +426,7 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _finished(point: Point, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return means, sums and sizes of the field at a point. Heliostats that pad the layout do not affect rounding."""
+    """Return means, sums and sizes of the field at one point. Padding of the layout does not affect rounding."""
     study, layout, sides = point.study, point.layout, _sides(point, point.layout)
     area, rows = np.zeros(point.points.inputs.layouts.size), np.arange(len(layout))
     area[rows] = mirror_area(*sides, study.heliostat.facets)
@@ -440,7 +446,7 @@ def _finished(point: Point, values: Mapping[str, Any]) -> dict[str, Any]:
             sent = np.nan_to_num(values[name.replace("intercept", "optical")]) if "intercept" in name else 1.0
             weight = area * sent
             made[f"field_{name}"] = _mean(values[name], weight)
-            if (errors := values.get(f"{name}_error")) is not None:  # the rays of heliostats are independent
+            if (errors := values.get(f"{name}_error")) is not None:  # the rays of different heliostats are independent
                 weight = weight * np.isfinite(errors)
                 square = total(np.nan_to_num(weight * errors) ** 2)
                 made[f"field_{name}_error"] = np.sqrt(square) / (total(weight) or np.nan)
@@ -460,12 +466,12 @@ def _finished(point: Point, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _mean(values: Floats, weight: Floats) -> Any:
-    lit = weight > 0  # zero weights are omitted, so that padding does not change the summation order
+    lit = weight > 0  # omit zero weights so that padding does not change the summation order
     return np.sum(values[lit] * weight[lit]) / (np.sum(weight[lit]) or np.nan)
 
 
 def _sizes(point: Point, layout: Layout, area: Floats, rows: NDArray[np.int64]) -> dict[str, Any]:
-    """Return positions of the heliostats in `rows`, the size of the field [m, deg, m2], and the days of the period."""
+    """Return positions of the heliostats in `rows` [m, deg], field sizes [m, m2] and the number of days."""
     study, pivots = point.study, layout.z + layout.values("pivot_height", point["heliostat.pivot_height"])
     distance, elevation = np.full(area.shape, np.nan), np.full(area.shape, np.nan)
     distance[rows] = away = np.hypot(layout.x, layout.y)
@@ -483,7 +489,7 @@ def _sizes(point: Point, layout: Layout, area: Floats, rows: NDArray[np.int64]) 
 
 
 def _energies(point: Point, values: Mapping[str, Any], area: Floats, total: Callable[[Floats], Any]) -> dict[str, Any]:
-    """Return the energies and hours of a field, and the ranks of its heliostats. `total` sums over the heliostats."""
+    """Return the energies, hours and heliostat ranks of a field. The function `total` sums over the heliostats."""
     hours, rank, made = cast(Hours, light_of(point)[1]), np.full(area.shape, np.nan), dict[str, Any]()
     for name, of in (
         ("field_receiver_energy", "receiver_energy"), ("field_incident_energy", "incident_energy"),
@@ -530,8 +536,8 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         if (short := (power < result[kept]).to_numpy()).any():
             most = float(power.where(short).max())
             yield (
-                f"{int(short.sum()):,} of {short.size:,} fields have less than keep.{key}, {most:.4g} MW although "
-                "all heliostats are kept: generate more"
+                f"{int(short.sum()):,} of {short.size:,} fields do not reach keep.{key} with all heliostats (at most "
+                f"{most:.4g} MW): generate more heliostats"
             )
 
 
@@ -543,18 +549,19 @@ def best(
     Parameters
     ----------
     values : ndarray, shape (heliostat,)
-        Values by which heliostats are ranked, highest first. Heliostats with equal values keep their order; NaN
-        ranks last.
+        Values by which heliostats are ranked, highest first. Heliostats with equal values keep their order. NaN is
+        ranked last.
     number, power : float, optional
         Number of heliostats to keep, or required power in the unit of `power_of`.
     power_of : callable
-        Function that takes heliostat rows and returns the power of a field that contains only these heliostats.
+        Function that returns the power of a field containing only the given heliostat rows.
 
     Returns
     -------
     rows : ndarray of int
         Rows of the selected heliostats in ascending order. If a power is given, bisection finds the minimum number
-        of best heliostats that reach this power. If the full field has less power, all heliostats are selected.
+        of highest-ranked heliostats that reach this power. If the full field does not reach this power, all
+        heliostats are selected.
     rank : ndarray of int, shape (heliostat,)
         Rank of each heliostat, counted from 1.
     """
@@ -572,10 +579,10 @@ def select(
     point: Point, field_of: Callable[[Layout], Field | TracedField], aimed: Callable[[Layout], Field | TracedField],
     sun: Floats, hours: Hours | None,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
-    """Return the layout rows of the kept heliostats at a point of the result, and the ranks of all heliostats.
+    """Return the layout rows of the kept heliostats and the ranks of all heliostats.
 
-    `field_of` returns the field of a layout, and `aimed` the field with the aim points that a flux limit requires.
-    Heliostats are ranked in the full field without a flux limit, with fewer rays than in the result.
+    `field_of` returns the field of a layout. `aimed` returns the field with aim points that respect the flux limit.
+    Heliostats are ranked in the full field, without a flux limit and with fewer rays than in the final computation.
     """
     number, power, by, heat = (point[key] for key in _KEEP)
     whole, study, layout = field_of(point.layout), point.study, point.layout

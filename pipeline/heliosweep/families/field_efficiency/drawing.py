@@ -1,4 +1,4 @@
-"""Draw the special figures of a field with matplotlib. Each public function is named after a figure in `figures`."""
+"""Draw special figures of a field with matplotlib. Each public function draws the figure with the same name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _bars(
     context: Context, points: Sequence[Mapping[str, int]], steps: Sequence[str], height: float, xlabel: str,
     draw: Callable[[Any, Any], None],
 ) -> Any:  # fmt: skip
-    """Draw one panel of horizontal bars for each point. `draw` adds the bars to a panel, one bar for each step."""
+    """Draw one panel of horizontal bars for each point. `draw` adds one bar for each step to a panel."""
     drawing, grid = panels(len(points), 2, height * len(steps), wide=True, sharex=True, sharey=True)
     for axes, point in zip(grid, points, strict=True):
         draw(axes, point)
@@ -51,7 +51,7 @@ def _waterfall(axes: Any, whole: float, lost: Any, rest: float, colours: Sequenc
 
 
 def energy_losses(result: xr.Dataset) -> Any:
-    """Draw a waterfall chart of the energy losses at some points of the sweep."""
+    """Draw waterfall charts of the energy losses at selected points."""
     context, received = Context(result), result["field_receiver_energy"]
     dims = [dim for dim in received.dims if received.sizes[dim] > 1]
     dim = str(next((one for one in ("latitude", "site", "layout", *dims) if one in dims), ""))
@@ -75,9 +75,9 @@ def energy_losses(result: xr.Dataset) -> Any:
 
 
 def error_budget(result: xr.Dataset) -> Any:
-    """Draw a waterfall chart of the loss due to each cause at some points of the sweep.
+    """Draw waterfall charts of the loss due to each cause at selected points.
 
-    If the result has draws, bars show the means over the draws, and error bars show the standard deviation.
+    If the result has draws, the bars show means over the draws, and the error bars show standard deviations.
     """
     mean = "_sample_mean" * ("budget_loss_sample_mean" in result)
     context, energy = Context(result), result[f"budget_energy{mean}"]
@@ -111,12 +111,12 @@ def error_budget(result: xr.Dataset) -> Any:
 
     label = "energy lost (% of the energy without the causes)"
     notes = ["Gain: energy gained if only this cause is removed.",
-             "Bars: standard deviation over the draws." * bool(mean), context.note(fixed)]  # fmt: skip
+             "Error bars: standard deviation over the draws." * bool(mean), context.note(fixed)]  # fmt: skip
     return _bars(context, points, parts, 0.08, label, waterfall), " ".join(filter(None, notes))
 
 
 def capital_cost(result: xr.Dataset) -> Any:
-    """Draw stacked bars of the capital cost by item at some points of the sweep."""
+    """Draw stacked bars of the capital cost by item at selected points."""
     context, cost = Context(result), result["capital_cost"]
     dims = [*(str(dim) for dim in cost.dims if dim != "item" and cost.sizes[dim] > 1), None, None][:2]
     fixed = context.fixed(cost, "item", *dims)
@@ -137,7 +137,7 @@ def capital_cost(result: xr.Dataset) -> Any:
 
 
 def aim_points(result: xr.Dataset) -> Any:
-    """Draw flux maps and aim points at some points of the sweep."""
+    """Draw flux maps and aim points at selected points."""
     context, flux = Context(result), result["aimed_flux_map"]
     if flux["flux_row"].attrs["units"] == "1" or flux["flux_column"].attrs["units"] == "1":
         return None
@@ -160,7 +160,7 @@ def aim_points(result: xr.Dataset) -> Any:
 
 
 def mirror_outlines(result: xr.Dataset) -> Any:
-    """Draw the shaded and blocked areas of the mirror with the largest loss, at some points of the sweep."""
+    """Draw the shaded and blocked areas of the mirror with the largest losses at selected points."""
     context, shading = Context(result), result["shading_efficiency"]
     looks = {
         "shading": ("shadow", COLOURS[0], "", "shaded"),

@@ -35,24 +35,25 @@ def tables(result: xr.Dataset) -> Iterator[Table]:
         yield numbers(result, dims, columns, "Energy, power and size", [_sums(result)] if energy else [], digits=4)
     if parts := budget_columns(result):
         note = (
-            "Loss due to each cause alone, and interaction: the loss due to all causes minus the sum of these losses."
+            "Loss due to each cause alone. Interaction: loss due to all causes together minus the sum of these losses."
         )
         yield numbers(result, dims, parts, "Error budget", [note], digits=4)
     years = [_named(result, name) for name in map(str, result.data_vars) if name.endswith(("_p50", "_p90"))]
     if years:
-        note = "P50 and P90: quantities that a weather year exceeds with a probability of 50 % and 90 %."
+        note = "P50 and P90: values that a weather year exceeds with probabilities of 50 % and 90 %."
         yield numbers(result, [str(dim) for dim in years[0].dims], years, "Weather years", [note], digits=4)
     order = dict.fromkeys(["total_efficiency", "optical_efficiency", *EFFICIENCIES, *LIGHT])
     names = [*(f"field_{name}" for name in order), FACTORED, *(f"field_design_point_{name}" for name in order)]
     means = [_named(result, name) for name in names if name in whole]
-    notes = ["Factored: product of the means of cosine, shading and blocking efficiency."]
+    notes = ["Factored: product of the mean cosine, shading and blocking efficiencies."]
     yield numbers(result, dims, means, "Mean efficiencies over the period", notes)
 
 
 def first_headlines(result: xr.Dataset) -> tuple[str, ...]:
-    """Return the headlines of a study with `keep`: the number of heliostats, the mirror area and the power.
+    """Return the headlines that a study with `keep` lists first.
 
-    `keep` minimises the number of heliostats for a required power, or maximises the energy of a given number.
+    The first headline is the optimised quantity. `keep` maximises the energy per mirror area of a given number of
+    heliostats, or minimises the number of heliostats for a required power.
     """
     keep = json.loads(result.attrs["study"]).get("keep")
     size, gain = ("field_heliostats", "field_mirror_area", "design_point_power"), "field_energy_per_mirror_area"
@@ -60,19 +61,19 @@ def first_headlines(result: xr.Dataset) -> tuple[str, ...]:
 
 
 def figures_of_draws(result: xr.Dataset) -> list[Figure]:
-    """Return the budget figure, which is drawn if the result has an error budget."""
+    """Return the figures of a result with draws: the error budget."""
     return [budget_figure(result)]
 
 
 def budget_columns(result: xr.Dataset) -> list[xr.DataArray]:
-    """Return the columns of the budget table: the loss of each part, and the gain from removing each cause."""
+    """Return the columns of the budget table: the loss due to each part and the gain from removing each cause."""
     named = (("budget_loss", "budget_part", "{}"), ("budget_gain", "budget_cause", "gain without {}"))
     return [result[name].sel({dim: label}, drop=True).rename(words.format(label))
             for name, dim, words in named if name in result for label in result[dim].to_numpy()]  # fmt: skip
 
 
 def budget_figure(result: xr.Dataset) -> Figure:
-    """Declare the budget figure. The figure shows means if the result has draws."""
+    """Declare the budget figure, which shows means if the result has draws."""
     mean = "_sample_mean" * ("budget_loss_sample_mean" in result)
     names = [f"budget_{name}{mean}" for name in ("loss", "gain", "energy", "stage_loss")]
     title = f"{'Mean e' if mean else 'E'}nergy lost to each cause, relative to the energy without the causes"
@@ -80,7 +81,7 @@ def budget_figure(result: xr.Dataset) -> Figure:
 
 
 def _special(name: str, title: str, variables: Sequence[str]) -> Special:
-    """Declare a figure that is drawn by the function `name` in `drawing`."""
+    """Declare a figure drawn by the function `name` in `drawing`."""
 
     def draw(result: xr.Dataset) -> Any:
         from heliosweep.families.field_efficiency import drawing
@@ -97,12 +98,12 @@ def _named(result: xr.Dataset, name: str) -> xr.DataArray:
 
 
 def _sums(result: xr.Dataset) -> str:
-    """Return a sentence that gives the number of hours over which energies are summed."""
+    """Return a sentence with the number of daylight hours over which energies are summed."""
     daylight = (result["hours_used"] + result["hours_lost"].sum("cause")).to_numpy()
     low, high = float(daylight.min()), float(daylight.max())
     hours = f"{low:,.0f} h" if high - low < 0.5 else f"{low:,.0f} to {high:,.0f} h"
     year = 4250.0 < low <= high < 4900.0  # daylight of a full year, including partly lit intervals [h]
-    return f"Sums over {hours} with the sun above the horizon, {'a full year' if year else 'which is not one year'}."
+    return f"Sums over {hours} with the sun above the horizon, {'a full year' if year else 'not a full year'}."
 
 
 _EFFICIENCIES = tuple(f"{name}_efficiency" for name in (
@@ -110,7 +111,7 @@ _EFFICIENCIES = tuple(f"{name}_efficiency" for name in (
 ))  # fmt: skip
 _ENERGY = ("energy_per_mirror_area", "receiver_energy", "rank")
 PLACES = ("latitude", "site", "layout")
-#: Dimensions shown in special figures instead of as swept keys.
+#: Dimensions that are not swept keys and have their own figures.
 _OWN = (HELIOSTAT, "time", "month", "stage", "cause", "item", *DIMS, "effect", "image", "corner")
 
 
@@ -118,7 +119,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
     """Return the figures of a result, with the main figure first."""
     energy, context = _ENERGY[0] in result, Context(result)
     arrival = "on the receiver" if "total_efficiency" in result else "sent to the receiver"
-    means = "Energies are sums, efficiencies are means over the period." if energy else "Means over the period."
+    means = "Energies are sums and efficiencies are means over the period." if energy else "Means over the period."
     title = "Energy and mean efficiency" if energy else "Mean efficiency"
     field = [f"field_{name}" for name in (*_ENERGY[:2], *_EFFICIENCIES)]
     others = ["design_point_power", "field_heliostats", "peak_flux", "mean_flux", "power_above_limit", "hours_used"]
@@ -127,14 +128,14 @@ def figures(result: xr.Dataset) -> list[Figure]:
     lines, places = ("tracking",), PLACES
     return [
         _special("energy_losses",
-                f"Energy from the direct sunlight on all mirrors to the energy {arrival}, in percent of the "
-                "first",
+                f"Energy losses between the direct sunlight on all mirrors and the energy {arrival}, in percent of "
+                "the direct sunlight",
                 ("loss", "field_incident_energy", "field_receiver_energy")),
         budget_figure(result),
-        Maps("field_maps", "Energy and efficiency of every heliostat" if energy else "Efficiency of every heliostat",
+        Maps("field_maps", "Energy and efficiency of each heliostat" if energy else "Efficiency of each heliostat",
              (*_ENERGY[:1], *_EFFICIENCIES, PRODUCT, *_ENERGY[1:], *(f"design_point_{name}" for name in _EFFICIENCIES)),
              panels=places, lines=lines, less="tracking", notes=means),
-        *(Curves(f"cost_of_heat_over_{dim}", f"Cost of heat over the {context.title(dim)}", _COST, over=(dim,),
+        *(Curves(f"cost_of_heat_over_{dim}", f"Cost of heat against the {context.title(dim)}", _COST, over=(dim,),
                  lines=[str(other) for other in result[_COST[0]].dims if other != dim])
           for dim in swept if _COST[0] in result),
         _special("aim_points", "Heliostat aim points, and flux under the limit",
@@ -143,13 +144,13 @@ def figures(result: xr.Dataset) -> list[Figure]:
                 ("unlimited_flux_map", "aimed_flux_map"), over=DIMS, panels=("flux_limit", *places)),
         Rasters("flux_price", "Power gained per unit increase of the flux limit in a cell", ("flux_price",), over=DIMS,
                 panels=("flux_limit", *places)),
-        Curves("power_over_limit", "Power on the receiver over the flux limit", ("power_bound", *_AIMS),
+        Curves("power_over_limit", "Power on the receiver against the flux limit", ("power_bound", *_AIMS),
                over=("flux_limit",), lines=lines),
         _special("capital_cost", "Capital cost by item", ("capital_cost", "total_capital_cost")),
-        *(Curves(f"efficiency_over_{dim}", f"{title} of the field over the {context.title(dim)}",
+        *(Curves(f"efficiency_over_{dim}", f"{title} of the field against the {context.title(dim)}",
                  (*field, *others), over=(dim,), lines=lines, notes=f"{means} Field means are weighted by mirror area.")
           for dim in sorted(swept, key=lambda dim: dim != "latitude")),
-        Maps("factor_maps", "Mean efficiencies of every heliostat by factor",
+        Maps("factor_maps", "Mean efficiencies of each heliostat by factor",
              _EFFICIENCIES[2:7] if "total_efficiency" in result else (), each=True, at={"latitude": 0.0},
              interactive=False),
         Curves("monthly_energy", "Field energy by month", ("monthly_receiver_energy", "monthly_incident_energy"),
@@ -171,7 +172,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
                [name for name in series if result[name].size <= 4_000_000], over=("time",), lines=lines,
                reduce={HELIOSTAT: "mean"}, image=result.sizes.get("time", 0) <= 400),
         Curves("angles", "Angles of the axes", ANGLES, over=("time",), image=False),
-        *(Maps(f"{axis}_motion_maps", f"Range of motion of the {axis} axis of every heliostat over the period",
+        *(Maps(f"{axis}_motion_maps", f"Range of motion of each heliostat's {axis} axis over the period",
                (*(f"{axis}_angle_{of}" for of in ("range", "rate", "travel")), f"{axis}_angle"), panels=places,
                lines=lines)
           for axis in ("primary", "secondary")),
@@ -187,7 +188,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
 
 
 def _ranked(result: xr.Dataset) -> xr.Dataset:
-    """Add heliostat energies sorted by rank, and their cumulative share of the field's energy, to a result."""
+    """Add heliostat energies in rank order, and their cumulative share of the field energy, to a result."""
     names = ("energy_per_mirror_area", "receiver_energy")
     if not set(names) <= set(result.data_vars) or result.sizes[HELIOSTAT] < FIELD:
         return result
@@ -207,7 +208,7 @@ def _ranked(result: xr.Dataset) -> xr.Dataset:
 
 
 def _durations(result: xr.Dataset) -> xr.Dataset:
-    """Add duration curves to a result: irradiance and power in descending order against cumulative hours."""
+    """Add duration curves of irradiance and power to a result: values in descending order against hours."""
     if not {"dni", "field_power", "hours_used", "hours_lost"} <= set(result.data_vars):
         return result
     instants = int((result["dni"] > 0).sum("time").max())

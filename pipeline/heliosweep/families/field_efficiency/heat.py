@@ -89,14 +89,14 @@ class Economics(Block):
     operation_cost: Annotated[float | Sweep, _cost("Annual cost of operation and maintenance")] = 0.0
 
     def rules(self) -> Iterator[Fault]:
-        """Check that changed costs have a currency, and that a currency other than USD has no default costs."""
+        """Check that custom costs have a currency, and that no cost in another currency has a default in USD."""
         fields, known = type(self).model_fields, self.currency in (None, "USD")
         costs = [key for key in fields if key.endswith("_cost")]
         own = [key for key in costs if getattr(self, key) != fields[key].default]
         needed = set(costs) - self.model_fields_set - {"other_cost", "operation_cost"}
         return when(
             (self.currency is None and own,
-             Fault(f"'currency' is missing: '{[*own, ''][0]}' needs it, such as USD", show_value=False)),
+             Fault(f"'currency' is missing: set the currency of '{[*own, ''][0]}', for example USD", show_value=False)),
             *((not known and key in needed,
                Fault(f"'{key}' is missing: its default is in USD; give it in {self.currency}", show_value=False))
               for key in costs),
@@ -109,20 +109,20 @@ def has_heat(study: FieldEfficiencyStudy) -> bool:
 
 
 def heat_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ...]:
-    """Return the rules for heat and cost keys. Each rule lists the condition for a fault, the key and the message."""
+    """Return the rules for heat and cost keys as tuples of fault condition, key and message."""
     given = [f"receiver.{key}" for key in ("absorptance", "thermal_losses") if getattr(study.receiver, key) is not None]
     return (
         *((study.optics is None, key, "needs 'optics': add 'optics', or remove this key") for key in given),
         *((study.design_point is None and study.weather is None, key,
            "needs 'weather' or 'design_point': add one of them") for key in given),
         *((study.economics and getattr(study, key) is None, "economics",
-           f"needs '{key}' for the energy on a receiver with a size: add it, or remove this")
+           f"needs '{key}' for the energy on the receiver: add it, or remove this block")
           for key in ("optics", "weather")),
     )  # fmt: skip
 
 
 def check_losses(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Check that the power absorbed with direct sunlight on all mirrors can exceed the thermal losses."""
+    """Check that the thermal losses are less than the maximum power that the receiver can absorb."""
     losses, point = study.receiver.thermal_losses, study.design_point
     if losses is None:
         return
@@ -141,13 +141,13 @@ def check_losses(study: FieldEfficiencyStudy) -> Iterator[Problem]:
     lost = _losses(size | least)
     if lost >= most:
         key = next(key for key in LOSSES if least[key] is not None)
-        message = f"gives losses of {lost:.4g} MW, and the receiver absorbs at most {most:.4g} MW of the light on all "
+        message = f"gives losses of {lost:.4g} MW, but the receiver absorbs at most {most:.4g} MW of the light on all "
         yield study.problem(f"receiver.thermal_losses.{key}", f"{message}mirrors: lower it")
 
 
 @read_once(4)
 def read_losses(path: Path, name: str) -> Floats:
-    """Read a loss table: power on the receiver and thermal loss, shape (2, n). [MW]
+    """Read a table of thermal losses against power on the receiver, shape (2, n). [MW]
 
     Raises
     ------
@@ -189,10 +189,10 @@ def heat_power(power: Any, values: Mapping[str, Any], table: Floats | None) -> A
 def heat_of_year(
     light: Floats, values: Mapping[str, Any], table: Floats | None, hours: Hours, found: Values
 ) -> dict[str, Any]:
-    """Return the heat of a field, and add the receiver losses to the heliostat losses in `found`.
+    """Return the total and monthly heat of a field, and add the receiver losses to the heliostat losses in `found`.
 
-    `light`, shape (T,), is proportional to the field's power on the receiver divided by the irradiance. The losses are
-    distributed over the heliostats in proportion to their energy on the receiver.
+    `light`, shape (T,), is proportional to the field's power on the receiver divided by the irradiance. The receiver
+    losses are distributed over the heliostats in proportion to the energy of each heliostat on the receiver.
     """
     length, power, energy = hours.length, np.nan_to_num(light * hours.dni), found["receiver_energy"]
     heat = heat_power(power * (energy.sum() / (power @ length or np.inf)), values, table)
@@ -208,7 +208,10 @@ def heat_of_year(
 
 
 def costs_of(points: Points, made: Mapping[str, Floats], energy: Floats) -> dict[str, Floats]:
-    """Return the costs at the points of a region, from field sizes [m, m2], days, and energies of the period [MWh]."""
+    """Return the costs at the points of a region.
+
+    `made` contains field sizes [m, m2] and the number of days. `energy` is the energy over the period [MWh].
+    """
 
     def column(key: str) -> Any:
         values = points.column(key)[1]
