@@ -35,6 +35,8 @@ def test_oracle():
         ({"cameras": [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.4, 0.4]]}, "collinear"),
         ({"cameras": [[0.1, 0.1]] * 4}, "collinear"),
         ({"cameras": [[0.1, 0.1], [0.2, 0.3]]}, "at least 3"),
+        ({"cameras": [[np.nan, 0.1], [0.2, 0.3], [0.3, 0.1]]}, "finite"),
+        ({"target": (0.0, np.nan)}, "finite"),
         ({"distance": 0.0}, "positive"),
         ({"focal_length": -1.0}, "positive"),
         ({"sun": (np.pi, -0.5), "target": (0.0, 0.5)}, "opposite"),

@@ -203,8 +203,8 @@ def scene(
     Raises
     ------
     ValueError
-        If a length is not positive, if the sun and the target are in opposite directions, if there are fewer than 3
-        cameras, or if all cameras are collinear as seen from the mirror.
+        If a length is not positive, if a number is not finite, if the sun and the target are in opposite directions, if
+        there are fewer than 3 cameras, or if all cameras are collinear as seen from the mirror.
     """
     places = np.asarray(cameras, np.float64)
     if not (distance > 0.0 and focal_length > 0.0):
@@ -219,6 +219,8 @@ def scene(
     b_mirror = basis(math.atan2(ideal[1], ideal[0]), math.atan2(ideal[2], math.hypot(ideal[0], ideal[1])))
     standing = in_space(places, tilt, face)
     gaze = product(b_target[1:], standing) / distance
+    if not np.isfinite(gaze).all():
+        raise ValueError("camera positions, angles and distances must be finite")
     if in_line(gaze):
         raise ValueError("the cameras are collinear as seen from the mirror and cannot determine two slopes")
     half = 0.5 * float(np.sqrt(np.sum((b_sun[0] - b_target[0]) ** 2)))
