@@ -1,13 +1,13 @@
-"""Cosine, shading, blocking and optical efficiency of heliostats in a field, as sums over periods or at each instant.
+"""Cosine, shading, blocking and optical efficiencies of heliostats, summed over periods or at each instant.
 
-Instants are sorted into packets with similar sun directions. For each packet and heliostat, `sweep` finds the
+Instants with similar sun directions are grouped into packets. For each packet and heliostat, `_sweep` finds the
 heliostats that may shade or block it, projects them onto the mirror, and computes the area of the union of their
-images. A mirror's frame is computed only when an image first needs it.
+images. The frame of a mirror is computed only when it is first needed.
 
-The values of a heliostat at an instant are bitwise identical, no matter how heliostats and instants are divided among
-calls. Rounding errors of sums depend on the order of the packets, which follows from the sun vectors alone.
+The results for a heliostat at an instant are bitwise identical, no matter how heliostats and instants are divided among
+calls. Rounding errors in sums depend on the order of the packets, which is determined by the sun vectors alone.
 
-Outlines of shadows and blocked parts are images of other mirrors, clipped at the edges of the test mirror.
+Outlines of shadows and blocked parts are images of other mirrors, clipped to the test mirror.
 """
 
 import itertools
@@ -57,9 +57,9 @@ class SortedField(NamedTuple):
 
     mirrors: Mirrors
     cells: Cells
-    #: Index of each heliostat before sorting.
+    #: Original index of each sorted heliostat.
     names: Integers
-    #: Radius and top height of a tower at x = y = 0 that shades the mirrors; 0 if there is no tower. [m]
+    #: Radius and top height of the tower at x = y = 0 that shades the mirrors; both 0 without a tower. [m]
     tower: Floats
 
 
@@ -71,7 +71,7 @@ def aimed(
     to_target = (target_height if np.ndim(target_height) else np.array([0.0, 0.0, target_height])) - centre
     throw = np.sqrt(to_target[:, 0] ** 2 + to_target[:, 1] ** 2 + to_target[:, 2] ** 2)
     radius = np.sqrt(half[:, 0] ** 2 + half[:, 1] ** 2)
-    with np.errstate(invalid="ignore"):  # zero distance to the target: rejected by `sorted_field`
+    with np.errstate(invalid="ignore"):  # `sorted_field` rejects mirrors at their target
         aim = to_target / throw[:, np.newaxis]
     return Mirrors(np.column_stack((centre, radius)), np.column_stack((half, aim, throw)))
 
@@ -82,7 +82,7 @@ def sorted_field(
 ) -> SortedField:  # fmt: skip
     """Sort the mirrors of a field by grid cell.
 
-    Several calls of `field_energies` and similar functions can use one sorted field.
+    One sorted field can be used in several calls of `field_sums`, `field_energies` and `field_series`.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop:
     sun : ndarray, shape (T, 3)
         Unit vectors to the sun: east, north, up. Instants with z <= 0 or NaN are ignored. [1]
     start, stop : int
-        Range of heliostats to compute. All N heliostats may shade and block a heliostat in this range.
+        Range of heliostats to compute. Heliostats outside this range also shade and block.
 
     Returns
     -------
@@ -161,22 +161,22 @@ def field_energies(
     weight : ndarray, shape (T,)
         Weight of each instant, for example the irradiation of its interval.
     period : ndarray, shape (T,)
-        Index of the period of each instant, from 0. Periods are, for example, months.
+        Index of the period (for example, the month) of each instant, from 0.
     periods : int
         Number of periods.
 
     Returns
     -------
     ndarray, shape (stop - start, periods, 7)
-        Weighted sums over each period, in the unit of the weights, of seven quantities: the cosine, shading, blocking
-        and optical efficiency; cosine times shading; cosine times shading times blocking; and cosine times the fraction
-        that the tower does not shade.
+        Weighted sums of seven quantities over each period, in the unit of the weights: the cosine, shading, blocking
+        and optical efficiencies; cosine times shading; cosine times shading times blocking; and cosine times the
+        fraction that the tower does not shade.
 
     Raises
     ------
     ValueError
-        As in `field_sums`, or if `weight` or `period` does not have one value for each instant, or if a period is not
-        from 0 to periods - 1.
+        As in `field_sums`, if `weight` or `period` does not have one value for each instant, or if a period index is
+        outside the range 0 to periods - 1.
     """
     weight, period = np.array(weight, np.float64), np.array(period, np.int64)
     if weight.shape != (len(sun),) or period.shape != (len(sun),) or not np.all((period >= 0) & (period < periods)):
@@ -199,11 +199,10 @@ def field_series(field: SortedField, tracking: int, sun: Floats, start: int, sto
     return np.moveaxis(series, 2, 0).swapaxes(1, 2)
 
 
-#: `_TOGETHER`: Maximum number of packets whose candidates are searched together. Each packet tests these candidates.
-#: `_WIDEST`: Maximum sine of the half-angle of the directions in these packets.
-#: The sine `_WIDEST` is relative to the sine of the lowest elevation.
+#: `_TOGETHER`: Maximum number of packets that share one search for candidates.
+#: `_WIDEST`: Maximum ratio sin(half-angle) / sin(minimum elevation) of the sun directions in these packets.
 _TOGETHER, _WIDEST = 8, 8.0
-#: Number of frames of full packets after which all frames are discarded, because more would not fit in the cache.
+#: Number of frames of full packets that fit in the cache. All frames are discarded when this number is exceeded.
 _KEPT = 1000
 
 
@@ -217,10 +216,10 @@ def _sweep(
     period: Integers,
     shape: tuple[int, int],
 ) -> Floats:
-    """Return weighted sums of the first four or all seven results of each heliostat over each period.
+    """Return weighted sums of four or seven quantities for each heliostat and period.
 
-    `shape` is the number of periods and of results. The arguments are checked here, because compiled code does not
-    check array bounds.
+    `shape` contains the number of periods and the number of quantities. The arguments are checked here because compiled
+    code does not check array bounds.
     """
     count = len(field.names)
     if np.ndim(sun) != 2 or np.shape(sun)[1] != 3 or not np.isfinite(sun[sun[:, 2] > 0.0]).all():
@@ -238,7 +237,7 @@ def _sweep(
     order, first = packet_order(sun[up])
     sun, weight, period = sun[up[order]], weight[up[order]], period[up[order]]
     packet = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    turn = np.lexsort((period, packet))  # instants are summed packet by packet, in the order of the periods
+    turn = np.lexsort((period, packet))  # sum packet by packet, and by period within a packet
     when, lane, width = period[turn] * shape[1], turn - first[packet], shape[1]
     begins, ends = np.zeros(len(tests) + 1, np.int64), np.zeros(len(tests) + 1, np.int64)
     bundles = {size: beams(sun, np.append(first[:-1:size], first[-1])) for size in (1, _TOGETHER)}
@@ -251,14 +250,14 @@ def _sweep(
             if p % _TOGETHER or not bundle.narrow or bundle.sine > _WIDEST * bundle.low:
                 bundle, last = bundles[1][p], p + 1
             shaders = _candidates(field, tests, bundle, False, shaders, ends)
-            most = int((np.diff(begins) + np.diff(ends)).max()) + 1  # with an image of the tower
+            most = int((np.diff(begins) + np.diff(ends)).max()) + 1  # plus the image of the tower
             if most > room:
                 room = 2 * most
                 lines, frames = rows(IMAGES // ROW + 10 * room), rows((_KEPT + room + 2) * 7)
                 # each image may add 5 corners to a piece
                 polygons, pieces = rows(room), np.empty((room + 1) * 6 * (4 + CORNERS * (room + 2)) + 64)
                 marks = np.empty((room + 4, room), np.int64)
-        here = np.arange(begin, end + (begin - end) % GROUP).clip(max=end - 1)  # the last instant fills its group
+        here = np.arange(begin, end + (begin - end) % GROUP).clip(max=end - 1)  # the last instant is repeated
         lines[: 3 * ROW].reshape(3, ROW)[:, : len(here)] = sun[here].T
         lines[WEIGHT : WEIGHT + len(here)] = weight[here]
         _sweep_packet(
@@ -272,10 +271,10 @@ def _sweep(
 def _candidates(
     field: SortedField, tests: Integers, bundle: Beam, blocking: bool, names: Integers, begins: Integers
 ) -> Integers:
-    """List the heliostats that may shade each test heliostat for a bundle of sun directions, or that may block it.
+    """List the heliostats that may block each test heliostat, or shade it in a bundle of sun directions.
 
-    Returns the list in `names`, or in a longer array if `names` is too short. The part of the list for test heliostat t
-    begins at ``begins[t]``.
+    Returns the list in `names`, or in a longer array if `names` is too short. The candidates for test heliostat t start
+    at ``begins[t]``.
     """
     while not _list_candidates(*field.mirrors, field.cells, tests, bundle, blocking, names, begins):
         names = np.empty(2 * len(names), np.int64)
@@ -284,7 +283,7 @@ def _candidates(
 
 @kernel
 def _list_candidates(spheres, mounts, cells, tests, bundle, blocking, names, begins):
-    """Write the candidates of `_candidates`; return False if `names` is too short."""
+    """Write the list of `_candidates`; return False if `names` is too short."""
     limit = np.inf
     for t in range(tests.shape[0]):
         i = tests[t]
@@ -308,19 +307,19 @@ def _sweep_packet(
     bundle, lanes
         Sun directions of the packet, and number of lanes.
     spheres, mounts, tower, tracking
-        Values of `Mirrors` and `SortedField`, and code of the tracking method.
+        Fields of `Mirrors` and `SortedField`, and the code of the tracking method.
     tests, rank : ndarray, shape (n,)
-        Indices of the test heliostats in the sorted field, and of their first values in `sums`.
+        Index of each test heliostat in the sorted field, and index of its first element in `sums`.
     shaders, ends, blockers, begins
-        Candidates of several packets, from `_candidates`.
+        Candidates for shading (shared by several packets) and for blocking, from `_candidates`.
     lines, marks, polygons, pieces
-        Scratch arrays, see `unions`. `lines` contains the sun directions and the weights.
+        Scratch arrays; see `unions`. `lines` contains the sun directions and the weights.
     frames : ndarray
-        Frames of mirrors, see `packets.write_frame`. [m]
+        Mirror frames; see `packets.write_frame`. [m]
     place : ndarray, shape (N,)
         Offset of the frame of each heliostat in `frames`, -1 if the frame has not been computed.
     lane, when : ndarray
-        Lanes of the instants, and indices of their periods in the sums of a heliostat, in the order of the sum.
+        Lane of each instant, and offset of its period in the sums of a heliostat, in summation order.
     sums : ndarray
         Weighted sums of the first `width` (4 or 7) quantities that `field_energies` returns.
     """
@@ -348,7 +347,7 @@ def _sweep_packet(
             used = _have_frame(j, mounts, tracking, lines, frames, place, used, lanes)
             made += project(lines, marks, made, frames, place[j], place[i], TO_TARGET, spheres, i, j, lanes)
         unions(lines, marks, polygons, pieces, shading, made, lanes)
-        row = place[i] + COSINE  # read here, because the loop is vectorised only without this load
+        row = place[i] + COSINE  # read outside the loop, because this load would prevent vectorisation
         for k in range(lanes):
             cosine, shading_efficiency = get(frames, row, k), _left(get(lines, TOTAL, k))
             blocking_efficiency, one = _left(get(lines, TOTAL + ROW, k)), get(lines, WEIGHT, k)
@@ -366,7 +365,7 @@ def _sweep_packet(
 def _frame(count, lanes):
     """Return the offset of frame number `count` in the array of frames.
 
-    Frames of short packets share rows, so that more frames fit in the cache.
+    Frames of short packets share rows, so more frames fit in the cache.
     """
     side = ROW // lanes
     return count // side * FRAME + count % side * lanes
@@ -388,7 +387,7 @@ def _shade_by_tower(i, spheres, tower, lines, frames, place, marks, polygons, pi
 
 @inner
 def _have_frame(j, mounts, tracking, lines, frames, place, used, lanes):
-    """Compute the frame of heliostat j if it is missing; return the number of computed frames."""
+    """Compute the frame of heliostat j if it is missing; return the updated number of frames."""
     if place[j] >= 0:
         return used
     place[j] = _frame(used, lanes)
@@ -398,13 +397,13 @@ def _have_frame(j, mounts, tracking, lines, frames, place, used, lanes):
 
 @inline
 def _left(covered):
-    """Return the fraction of the mirror outside a union, clamped to the range 0 to 1 because of rounding."""
+    """Return the fraction of the mirror outside a union, clamped to [0, 1] because of rounding errors."""
     return smaller(larger(1.0 - covered / SQUARE, 0.0), 1.0)
 
 
 @inner
 def _add_to_sums(lines, lane, when, sums, row, width):
-    """Add the results of one heliostat in one packet to the heliostat's sums over each period, from index `row` on."""
+    """Add a heliostat's results in a packet to its sums over each period, which start at index `row`."""
     n = 0
     while n < lane.shape[0]:
         period, e, f, g = when[n], 0.0, 0.0, 0.0
@@ -429,7 +428,7 @@ def _add_to_sums(lines, lane, when, sums, row, width):
             put(sums, o, 6, g)
 
 
-#: Maximum number of corners of an outline: 4, plus 1 from the plane of the mirror and 1 from each of its 4 edges.
+#: Maximum number of corners of an outline: 4, plus 1 for the plane of the test mirror, plus 1 for each of its 4 edges.
 OUTLINE_CORNERS = 9
 
 
@@ -438,9 +437,10 @@ def _outlines(
     spheres, mounts, tracking, direction, tests, places, names, candidates, begins, lines, frames, marks, square,
     pieces, corners, whole,
 ):  # fmt: skip
-    """Write the corners of each shadow or each blocked part to `corners`, and its area and heliostat to `whole`.
+    """Write the corners of shadows or blocked parts to `corners`, and their areas and heliostats to `whole`.
 
-    The last row of `whole` contains the number of images. `direction` is 0 (to the sun) or `TO_TARGET`.
+    The last row of `whole` contains the number of images. `direction` is 0 for shadows and `TO_TARGET` for blocked
+    parts.
     """
     write_square(square, 0)
     for t in range(tests.shape[0]):
@@ -459,7 +459,7 @@ def _outlines(
 
 @kernel
 def _insert(pieces, piece, count, j, half, corners, whole):
-    """Insert an image into the kept images of a mirror, in descending order of area."""
+    """Insert an image into the stored images of a mirror, which are sorted by descending area."""
     size, last = area(pieces, piece, count) / SQUARE * 4.0 * half[0] * half[1], whole.shape[0] - 1
     if size <= 0.0:
         return
@@ -478,15 +478,19 @@ def _insert(pieces, piece, count, j, half, corners, whole):
 
 
 class Outlines(NamedTuple):
-    """Shadows (index 0) and blocked parts (index 1) on mirrors, largest areas first; NaN if there are fewer images."""
+    """Outlines of shadows and blocked parts on mirrors, sorted by descending area.
 
-    #: Corners along width and height, from the mirror's centre, shape (tests, 2, images, OUTLINE_CORNERS, 2). [m]
+    The second dimension selects shadows (0) or blocked parts (1). Unused elements are NaN.
+    """
+
+    #: Coordinates of corners along the width and height, relative to the mirror's centre [m],
+    #: shape (tests, 2, images, OUTLINE_CORNERS, 2).
     corners: Floats
     #: Area of each image, shape (tests, 2, images). [m2]
     area: Floats
-    #: Number of the heliostat that shades or blocks, shape (tests, 2, images).
+    #: Index of the shading or blocking heliostat, shape (tests, 2, images).
     heliostat: Floats
-    #: Total number of images, including images that are not kept, shape (tests, 2).
+    #: Total number of images, including omitted images, shape (tests, 2).
     total: Floats
 
 
@@ -512,7 +516,8 @@ def mirror_outlines(
     sun : ndarray, shape (3,)
         Unit vector to the sun: east, north, up. All results are NaN if the sun is at or below the horizon. [1]
     images : int
-        Maximum number of shadows, and of blocked parts, on each mirror. Images with the smallest areas are omitted.
+        Maximum number of shadows and maximum number of blocked parts stored for each mirror. The smallest images are
+        omitted.
     """
     field, count = sorted_field(x, y, z, half_width, half_height, target_height), stop - start
     corners, whole = np.full((2, count, images, OUTLINE_CORNERS, 2), np.nan), np.full((2, count, images + 1, 2), np.nan)
@@ -533,7 +538,10 @@ def mirror_outlines(
 
 
 def warm_field(outlines: bool = False) -> None:
-    """Compile the field kernels or load them from the cache, optionally including the shadow outline kernel."""
+    """Compile the field kernels or load them from the cache.
+
+    The outline kernel is included if `outlines` is True.
+    """
     place, side = np.array([10.0, 30.0]), np.ones(2)
     sun = np.array([[0.0, 0.0, 1.0]])
     field_sums(sorted_field(place, place, side, side, side, 50.0), 0, sun, 0, 2)

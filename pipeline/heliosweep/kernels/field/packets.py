@@ -1,11 +1,11 @@
-"""Packets of at most 64 instants with similar sun directions, and frames of mirrors at these instants.
+"""Packets of at most 64 instants with similar sun directions, and mirror frames at these instants.
 
-All lanes (instants) of a packet share one list of candidates and one sequence of branches, so similar instants save
-time.
+All lanes (instants) of a packet share one candidate list and take the same branches. Packets of similar instants are
+therefore faster to compute.
 
-If r and s are the unit vectors to the target and the sun, a mirror has the normal n = unit(r + s). The frame of a
-mirror is (u, v, n) with v = n x u. The width of the mirror is along u, and the height is along v. Vectors are stored
-for all lanes of a packet, see `vectors.load`.
+Let r and s be the unit vectors from a mirror to the target and to the sun. The normal of the mirror is
+n = unit(r + s), and its frame is (u, v, n) with v = n x u. The width of the mirror is along u, and the height is along
+v. Vectors are stored for all lanes of a packet; see `vectors.load`.
 
 Heliostats that may shade or block a mirror are selected with a uniform grid, a wedge and a cone. The selection never
 misses a heliostat that shades or blocks.
@@ -13,9 +13,9 @@ misses a heliostat that shades or blocks.
 Let D = C_j - C_i be the vector from mirror i to mirror j, R the sum of their bounding radii, and d a direction to the
 sun or the target. Mirror j projects onto mirror i along d only if the line distance |D - (D.d) d| is below R. If the
 bounding spheres are disjoint (|D| > R), mirror j must also be in front, D.d > 0. Proof: if a point C_j + q is in front
-of C_i + p along d, then t d = D + e with t > 0 and |e| = |q - p| <= R. If D.d <= 0, then e.d >= t - D.d >= |D.d| and,
-across d, |e| equals the line distance. Hence |e| >= |D| > R, a contradiction. Both conditions imply that the angle
-between D and d is below asin(R / |D|).
+of a point C_i + p along d, then t d = D + e with t > 0 and |e| = |q - p| <= R. If D.d <= 0, then e.d = t - D.d > |D.d|,
+and the component of e perpendicular to d is as long as the line distance. Hence |e| > |D| > R, a contradiction.
+Together, the two conditions imply that the angle between D and d is below asin(R / |D|).
 """
 
 import math
@@ -42,20 +42,20 @@ from heliosweep.kernels.vectors import (
     store,
 )
 
-#: Limit on the number of lanes times the width of a packet, divided by the sine of the packet's minimum elevation.
-#: Smaller packets repeat the search too often, and wider packets have too many candidates.
-#: The value was measured and is not critical: half or twice the value costs a few per cent more time at low sun.
-#: With thousands of instants, only packets with the lowest sun elevations reach the limit.
+#: Upper limit of lanes * range / sin(elevation) for each packet. `range` is the largest range of a sun vector
+#: component, and `elevation` the minimum sun elevation. Smaller packets repeat the search too often, and wider packets
+#: have too many candidates. The limit was found by timing and is not critical: half or twice the limit costs a few per
+#: cent more time at low sun. If instants are numerous, only packets at the lowest sun elevations reach the limit.
 _LIMIT = 480.0
 
 
 def packet_order(sun: Floats) -> tuple[Integers, Integers]:
     """Divide instants into packets with similar sun directions.
 
-    A k-d tree divides the instants at the median of the component with the largest range, until each part is a packet.
-    A packet has at most 64 lanes, and fewer if the sun directions are widely spread. Each lane tests the candidates of
-    all lanes, and the number of candidates grows with the spread divided by the sine of the elevation. Instants with
-    equal components keep their order.
+    A k-d tree splits the instants at the median of the component with the largest range until each part fits into a
+    packet. A packet has at most 64 lanes, and fewer if the sun directions are widely spread. Each lane tests the
+    candidates of all lanes, and the number of candidates grows with the spread divided by the sine of the elevation.
+    Instants with equal components keep their order.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
     Returns
     -------
     order : ndarray, shape (T,)
-        Indices of the instants, packet by packet. Each packet is divided further into groups of 8 similar instants with
+        Indices of the instants, packet by packet. Each packet is split into groups of 8 similar instants with
         ascending indices.
     first : ndarray, shape (P + 1,)
         Start of each packet in `order`, and end of the last packet. No packet is empty.
@@ -80,13 +80,13 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
             packets.append(some)
             continue
         rising = some[np.argsort(here[spread.argmax()], kind="stable")]
-        unit = PACKET if count > PACKET else 1  # divide at a multiple of the packet size
+        unit = PACKET if count > PACKET else 1  # split at a multiple of the packet size
         middle = (-(-count // unit) + 1) // 2 * unit
         waiting += [rising[middle:], rising[:middle]]
     sizes = np.array([len(each) for each in packets], np.int64)
     first = np.concatenate(([0], np.cumsum(sizes)))
     order = np.concatenate([np.empty(0, np.int64), *packets])
-    for size in np.unique(sizes):  # all packets of one size together
+    for size in np.unique(sizes):  # process packets of equal size together
         places = first[:-1][sizes == size][:, np.newaxis] + np.arange(size)
         order[places] = _groups(columns, order[places])
     return order, first
@@ -95,7 +95,7 @@ def packet_order(sun: Floats) -> tuple[Integers, Integers]:
 def _groups(columns: Floats, packets: Integers) -> Integers:
     """Sort the instants of packets of equal size, shape (P, size), into groups of similar instants.
 
-    `columns` are the components of the sun vectors, shape (3, T).
+    `columns` contains the components of the sun vectors, shape (3, T).
     """
     size = packets.shape[1]
     if size <= GROUP:
@@ -109,11 +109,11 @@ def _groups(columns: Floats, packets: Integers) -> Integers:
 #: Code of target-aligned mounts, whose first axis is along r.
 #: The width axis u = unit(r x s) is normal to the plane of incidence.
 SPINNING_ELEVATION = TARGET_ALIGNED
-#: Number of floats in a frame: 3 rows each for the half sides (w/2) u and (h/2) v, 1 row for the cosine of incidence.
+#: Number of floats in a frame: 3 rows each for the half sides (w/2) u and (h/2) v, and 1 for the cosine of incidence.
 FRAME = 7 * ROW
-#: Offset of the row of the cosine of incidence, n.s = n.r = |r + s| / 2.
+#: Offset of the row with the cosine of incidence, n.s = n.r = |r + s| / 2.
 COSINE = 6 * ROW
-#: Squared sine below which two directions count as parallel, because their cross product is rounding noise.
+#: Squared sine below which two directions are treated as parallel, because their cross product is rounding noise.
 _PARALLEL = 1e-30
 
 
@@ -134,19 +134,19 @@ class Mirrors(NamedTuple):
 
 @inner
 def write_frame(frames: Floats, f: int, sun: Floats, mounts: Floats, i: int, tracking: int, lanes: int) -> None:
-    """Write the frame of mirror i for all lanes of a packet to `frames`, from offset `f` on. [m]
+    """Write the frame of mirror i for all lanes of a packet to `frames`, starting at offset `f`. [m]
 
     The axis u is undefined if s is parallel to r (spinning-elevation), or if the normal is vertical
     (azimuth-elevation). For spinning-elevation, an undefined u is set to unit(-r_y, r_x, 0), or to east if r is
-    vertical. For azimuth-elevation, an undefined u is set to east. If the sun is exactly opposite to r, there is no
-    normal, and the half sides and the cosine are set to 0.
+    vertical. For azimuth-elevation, an undefined u is set to east. If the sun is exactly opposite to r, the
+    normal is undefined, and the half sides and the cosine are set to 0.
 
-    `sun` contains the rows x, y, z of unit vectors to the sun [1], and `mounts` the values of `Mirrors`. `tracking` is
-    `SPINNING_ELEVATION` or `AZIMUTH_ELEVATION`.
+    `sun` contains rows with the x, y and z components of the unit vectors to the sun [1]. `mounts` is described in
+    `Mirrors`. `tracking` is `SPINNING_ELEVATION` or `AZIMUTH_ELEVATION`.
     """
     half_width, half_height = mounts[i, 0], mounts[i, 1]
     r = mounts[i, 2], mounts[i, 3], mounts[i, 4]
-    # Value for lanes whose u is undefined, so that the loop needs no branch.
+    # u for lanes in which it is undefined, computed here so that the loop needs no branch
     level = np.sqrt(r[0] * r[0] + r[1] * r[1])
     east, north = 1.0, 0.0
     if tracking == SPINNING_ELEVATION and level * level > _PARALLEL:
@@ -170,9 +170,13 @@ _SLACK = 1.0 + 1e-9
 
 
 class Cells(NamedTuple):
-    """Uniform horizontal grid over the field. The heliostats of a cell, and of a row of cells, are stored together."""
+    """Uniform horizontal grid over the field.
 
-    #: Index of the first heliostat of each cell, west to east, then south to north, and end of the last cell.
+    The heliostats in a cell, and in a row of cells, are contiguous in memory.
+    """
+
+    #: Index of the first heliostat in each cell, and end of the last cell. Cells are ordered from west to east, then
+    #: from south to north.
     first: Integers
     west: float
     south: float
@@ -192,9 +196,9 @@ class Beam(NamedTuple):
     #: Cosine of the half-angle.
     cosine: float
     sine: float
-    #: Minimum absolute sine of the elevation of the directions.
+    #: Minimum of |sin(elevation)| over all directions in the bundle.
     low: float
-    #: Unit vectors of the leftmost and rightmost horizontal directions of a narrow beam.
+    #: Horizontal unit vectors along the left and right edges of a narrow bundle.
     left: tuple[float, float]
     right: tuple[float, float]
     #: True if the azimuths span less than half a circle.
@@ -204,11 +208,11 @@ class Beam(NamedTuple):
 def by_cells(spheres: Floats) -> tuple[Cells, Integers]:
     """Sort mirrors by grid cell, so that neighbouring mirrors are close in memory.
 
-    Returns the cells, and the original index of each sorted mirror. `spheres` is described in `Mirrors`.
+    Returns the cells and the original index of each sorted mirror. `spheres` is described in `Mirrors`.
     """
     low, spread, count = spheres.min(axis=0), np.ptp(spheres, axis=0), len(spheres)
     largest = spheres[:, 3].max()
-    # Cells have the size of one bounding diameter, or more if the field is sparse.
+    # The cell size is one bounding diameter, or more if the field is sparse.
     cell = max(2.0 * largest, np.sqrt(spread[0] * spread[1] / (2 * count)), spread[:2].max() / (2 * count), 1e-9)
     columns, rows = (spread[:2] / cell).astype(np.int64) + 1
     column, row = ((spheres[:, :2] - low[:2]) / cell).astype(np.int64).T
@@ -220,7 +224,10 @@ def by_cells(spheres: Floats) -> tuple[Cells, Integers]:
 
 
 def beams(directions: Floats, first: Integers) -> list[Beam]:
-    """Return the bundle of each packet of unit vectors, shape (T, 3); `first` as in `packet_order`."""
+    """Return the bundle of directions of each packet.
+
+    `directions` contains unit vectors, shape (T, 3), and `first` the start of each packet, as in `packet_order`.
+    """
     columns, starts, each = (
         np.ascontiguousarray(directions.T),
         first[:-1],
@@ -245,7 +252,7 @@ def beams(directions: Floats, first: Integers) -> list[Beam]:
 
 @inner
 def cone(x: float, y: float, z: float, spread: float) -> Beam:
-    """Return the bundle of directions whose angle to a unit vector has a tangent of at most `spread`."""
+    """Return the bundle of directions within an angle arctan(`spread`) of the unit vector (x, y, z)."""
     cosine, level = 1.0 / math.sqrt(1.0 + spread * spread) - 1e-14, larger(math.sqrt(x * x + y * y), 1e-300)
     sine, gx, gy = math.sqrt(larger(0.0, 1.0 - cosine * cosine)), x / level, y / level
     swing = smaller(sine / level, 1.0) + 1e-14
@@ -256,23 +263,23 @@ def cone(x: float, y: float, z: float, spread: float) -> Beam:
 
 @inner
 def search(i: int, bundle: Beam, limit: float, spheres: Floats, cells: Cells, found: Integers, count: int) -> int:
-    """Add all heliostats that may occlude heliostat i along a direction of the bundle to a list of `count`.
+    """Append all heliostats that may occlude heliostat i along a direction of the bundle to the list `found`.
 
-    Returns the new number of heliostats in the list.
+    `count` is the number of heliostats in the list before the call. Returns the number after the call.
 
     Let a be the elevation of d, h the component of D along the azimuth of d, and dz the vertical component of D. The
-    line distance, below R, has the components h sin a - dz cos a and the lateral offset. The lateral offset is
-    therefore below R, and h < (R + |dz| cos a) / sin a. A mirror in front (D.d > 0, or |D| <= R) also has h >= -R: for
-    dz >= 0, h > -dz tan a and h > dz cot a - R / sin a, and the larger of these bounds has the minimum -R sin a. For dz
-    < 0, h > 0. A direction below the horizon gives the mirror image of this case. D therefore lies in a strip of
-    half-width R that begins at h = -R and is rotated over the azimuths of the bundle. If the azimuths span less than
-    half a circle, three straight lines at the distance sqrt(2) R from i contain the rotated strip on its left, right
-    and rear side. The function visits the cells between these lines in a fixed order. A heliostat is listed if |D| <=
-    R, or if the angle between D and the axis is below asin(R / |D|) + half-angle, by the triangle inequality on the
-    sphere.
+    line distance is below R. Its two components are h sin a - dz cos a and the lateral offset. Therefore the lateral
+    offset is below R, and h < (R + |dz| cos a) / sin a. A mirror in front (D.d > 0, or |D| <= R) also has h >= -R: for
+    dz >= 0, h > -dz tan a and h > dz cot a - R / sin a, and the larger of these bounds is at least -R sin a. For dz <
+    0, h > 0. Directions below the horizon are the mirror image of this case. D therefore lies in the area that a strip
+    of half-width R, starting at h = -R, covers when it is rotated over the azimuths of the bundle. If the azimuths span
+    less than half a circle, three straight lines at a distance of sqrt(2) R from i bound this area on the left, right
+    and rear sides. The function visits the cells between these lines in a fixed order. A heliostat is listed if |D| <=
+    R or, by the triangle inequality on the sphere, if the angle between D and the axis of the bundle is below asin(R /
+    |D|) plus the half-angle of the bundle.
 
-    `limit` is the maximum of D.d, infinite for the sun [m]. `found` must have `count` elements, and one for each
-    heliostat.
+    `limit` is the maximum component of D along the axis of the bundle [m], infinite for the sun. `found` must have room
+    for `count` elements and one more for each heliostat.
     """
     x, y = spheres[i, 0] - cells.west, spheres[i, 1] - cells.south
     wide = (spheres[i, 3] + cells.radius) * _SLACK
@@ -311,7 +318,7 @@ def offset(spheres: Floats, i: int, j: int) -> Vector:
 def occludes(i: int, j: int, bundle: Beam, limit: float, spheres: Floats) -> bool:
     """Test whether heliostat j may occlude heliostat i along a direction of the bundle.
 
-    The angle between D and the axis is tested by comparing squares, to avoid a square root.
+    The test of the angle between D and the axis compares squares to avoid a square root.
     """
     d, reach = offset(spheres, i, j), (spheres[i, 3] + spheres[j, 3]) * _SLACK
     square, ahead = dot(d, d), dot(d, bundle.axis)
@@ -323,7 +330,7 @@ def occludes(i: int, j: int, bundle: Beam, limit: float, spheres: Floats) -> boo
 
 @inline
 def _beside(mx, my, bound, y0, y1, near, far):
-    """Narrow the interval of x to values with mx x + my y <= bound for any y between y0 and y1."""
+    """Narrow the interval (near, far) to the x values with mx x + my y <= bound for some y between y0 and y1."""
     room = bound - smaller(my * y0, my * y1)
     if mx > 0.0:
         return near, smaller(far, room / mx)
