@@ -2,27 +2,27 @@
 
 The test mirror, scaled by its half sides, is the square [-1, 1] x [-1, 1]. A polygon is a counter-clockwise list of
 corners x, y, x, y, ... in a flat array; the start and the number of corners of each polygon are stored separately. All
-functions are continuous in the corners, so coincident or nearly coincident edges cause only rounding errors.
+functions are continuous in the corner coordinates, so coincident or nearly coincident edges cause only rounding errors.
 
 Let C be the centre of the test mirror, u and v its half sides, and d the direction to the sun or the target. A point C
 + q is projected along d to (q.U, q.V) on the plane of the test mirror, where U = (v x d) / (u.(v x d)) and V = (d x u)
-/ (u.(v x d)). Because u.U = v.V = 1, the test mirror is the square [-1, 1] x [-1, 1]. The image of another mirror is a
-parallelogram, given by its centre and two half edges.
+/ (u.(v x d)). Because u.U = v.V = 1, the edges of the test mirror are at -1 and 1. The image of another mirror is a
+parallelogram, stored as its centre and two half edges.
 
-If no four images of a lane overlap, the area of the union is the sum of the areas, minus the common areas of pairs,
-plus the common areas of triples. If four images overlap, the images of the lane are subtracted from the square one by
-one. Images are also subtracted one by one if edges coincide (tie), or if a mirror crosses the plane of the test mirror.
+If no four images in a lane overlap, the area of the union is the sum of the areas, minus the common areas of pairs,
+plus the common areas of triples. If four images overlap, if edges coincide (a tie), or if a mirror crosses the plane of
+the test mirror, the images in the lane are subtracted from the square one by one.
 
 Sets of lanes are stored as integers with one bit per lane. The method for a lane depends only on the images in this
-lane, which keep the order of the search. The result of a lane therefore does not depend on its packet.
+lane, in the order of the search. Results for a lane are therefore independent of the rest of its packet.
 
-The common area of the square and two images follows from the boundary of the first image within the square. This
-boundary has eight parts: the parts of the four edges of the image within the square, and the parts of the square's
-edges within the image. All eight parts are computed from one set of crossings, so the boundary is closed. In
-coordinates in which the second image is the square, `edge_terms` gives the area by Green's theorem. If an edge of the
-first image nearly coincides with a side of the square, their crossing is ill-defined, and the images in this lane are
-subtracted one by one. Coincident edges of the two images need no special treatment, because each step is then a clamp
-that is continuous in the corners.
+The common area of the square and two images is computed from the boundary of the first image clipped to the square.
+This boundary has eight parts: the four edges of the image, clipped to the square, and the four edges of the square,
+clipped to the image. All eight parts are computed from the same crossings, so the boundary is closed. The parts are
+transformed to coordinates in which the second image is the square, and `edge_terms` computes the area by Green's
+theorem. If an edge of the first image nearly coincides with a side of the square, their crossing is ill-defined, and
+the images in this lane are subtracted one by one. Coincident edges of the two images need no special treatment, because
+clamping is continuous in the corner coordinates.
 """
 
 import math
@@ -49,7 +49,7 @@ from heliosweep.kernels.vectors import (
 
 #: Area of the square.
 SQUARE = 4.0
-#: Maximum number of corners of an image: four, and one more if a plane cuts off a corner.
+#: Maximum number of corners of an image: four, plus one if the plane of the test mirror cuts off a corner.
 CORNERS = 5
 #: One value for each of the four edges of an image.
 Four = tuple[float, float, float, float]
@@ -57,7 +57,10 @@ Four = tuple[float, float, float, float]
 
 @inline
 def slopes(x: float, y: float) -> tuple[float, float]:
-    """Return slopes dy/dx and dx/dy of the direction (x, y) by one division; slopes along an axis are 0 and unused."""
+    """Return the slopes dy/dx and dx/dy of the direction (x, y), using a single division.
+
+    For directions along an axis, both slopes are set to 0 and are not used.
+    """
     square = x * y
     inverse = 1.0 / square if abs(square) > 1e-200 else 0.0
     return y * y * inverse, x * x * inverse
@@ -77,7 +80,7 @@ def units(values: Four) -> Four:
 
 @inline
 def along(p: Four, t: Four, d: Four) -> Four:
-    """Return the coordinates of four lines p + t d at t."""
+    """Return p + t d for four lines."""
     return p[0] + t[0] * d[0], p[1] + t[1] * d[1], p[2] + t[2] * d[2], p[3] + t[3] * d[3]
 
 
@@ -91,13 +94,13 @@ def less(a: Four, b: Four) -> Four:
 def edge_terms(px: Four, py: Four, qx: Four, qy: Four, rise: Four, run: Four) -> Four:
     """Return the integrals of clamp(y) dx along four edges from p to q, each over the part with x in [-1, 1].
 
-    By Green's theorem, the sum of these integrals around a polygon is, up to the sign, the area within the square. On
-    each vertical line, the polygon contributes the clamped top minus the clamped bottom. By partial integration, each
-    integral is [x y] minus the integral of x dy, which needs x only where the edge crosses y = -1 and y = 1. These
+    By Green's theorem, the sum of these integrals around a polygon is the area within the square, up to its sign. On
+    each vertical line, the polygon contributes the clamped top minus the clamped bottom. Integration by parts gives [x
+    y] minus the integral of x dy, which requires only the values of x at which the edge crosses y = -1 and y = 1. These
     crossings are computed directly, not from a ratio of integrals, so nearly horizontal and nearly vertical edges lose
     no accuracy. Crossings outside the square do not contribute. The mean of two crossings is clamped because of
     rounding errors. `rise` and `run` are the slopes dy/dx and dx/dy of the edges, from `slopes`. The four edges are
-    processed together, because the instructions of successive edges would wait for each other.
+    processed together so that their instructions can run in parallel.
     """
     x0, x1 = units(px), units(qx)
     y0, y1 = along(py, less(x0, px), rise), along(qy, less(x1, qx), rise)
@@ -110,7 +113,7 @@ def edge_terms(px: Four, py: Four, qx: Four, qy: Four, rise: Four, run: Four) ->
 
 @inner
 def write_square(polygons: Floats, at: int) -> None:
-    """Write the corners of the square."""
+    """Write the corners of the square [-1, 1] x [-1, 1], starting at index `at`."""
     for k in range(4):
         polygons[at + 2 * k], polygons[at + 2 * k + 1] = 1.0 if k == 1 or k == 2 else -1.0, 1.0 if k > 1 else -1.0
 
@@ -129,10 +132,10 @@ def area(polygons: Floats, at: int, corners: int) -> float:
 def cut(
     polygons: Floats, at: int, corners: int, ox: float, oy: float, ex: float, ey: float, inside: int, outside: int
 ) -> tuple[int, int]:
-    """Cut a convex polygon into a left and a right part by the line through o along e.
+    """Cut a convex polygon into a left and a right part along the line through o in direction e.
 
     The polygon begins at `at` in `polygons` and has `corners` corners. The left part is written at `inside` and the
-    right part at `outside`; neither part may overlap the polygon in the array. Returns the number of corners of each
+    right part at `outside`. Neither part may overlap the polygon in the array. Returns the number of corners of each
     part. A part without interior may have corners on the line; its area is 0.
     """
     left = right = 0
@@ -159,7 +162,7 @@ def cut(
 
 @inner
 def crossing(polygons: Floats, at: int, corners: int, pieces: Floats, piece: int, size: int) -> int:
-    """Return a mask of the edges of a polygon beyond which a piece has corners; -1 if one edge excludes all corners."""
+    """Return a bit mask of the polygon edges that cut a piece, or -1 if an edge excludes the whole piece."""
     found = 0 if corners > 2 else -1
     px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
     for e in range(corners):
@@ -178,9 +181,10 @@ def crossing(polygons: Floats, at: int, corners: int, pieces: Floats, piece: int
 
 @inner
 def within(pieces: Floats, piece: int, size: int, polygons: Floats, at: int, corners: int) -> tuple[int, int]:
-    """Clip a piece at the edges of a polygon; return the start and number of corners of the rest (0 if empty).
+    """Clip a piece to a polygon; return the start and number of corners of the result.
 
-    The piece begins at 0 or at one third of `pieces`; the rest of the array is scratch space.
+    The number of corners is 0 if the result is empty. The piece must begin at 0 or at one third of `pieces`. The other
+    elements are scratch space.
     """
     crossed, third = crossing(polygons, at, corners, pieces, piece, size), len(pieces) // 3
     px, py = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
@@ -197,11 +201,12 @@ def within(pieces: Floats, piece: int, size: int, polygons: Floats, at: int, cor
 def leave_open(
     polygons: Floats, marks: Integers, k: int, middle: int, last: int, pieces: Floats, piece: int, size: int, top: int
 ) -> None:  # fmt: skip
-    """Add the areas of a convex piece outside polygons k..middle and k..last to ``pieces[0]`` and ``pieces[1]``.
+    """Add the areas of a convex piece outside two ranges of polygons to ``pieces[0]`` and ``pieces[1]``.
 
-    The polygons are convex, and are subtracted one after the other, depth first over convex pieces. Each edge of a
-    polygon splits off the part outside the edge, and the part inside all edges is discarded. Pieces never overlap, so
-    no inclusion-exclusion is needed.
+    The ranges are k to middle - 1 and k to last - 1. The polygons are convex and are subtracted one by one, by
+    depth-first recursion over convex pieces. Each edge of a polygon splits off the part outside the edge, and the part
+    inside all edges is discarded. Pieces never overlap, so no
+    inclusion-exclusion is needed.
 
     `polygons` has storage for `CORNERS` corners per polygon, and row `_SIZES` of `marks` contains the number of corners
     of each polygon. The piece of `size` corners begins at `piece` in `pieces`, and scratch space begins at `top`.
@@ -229,31 +234,33 @@ def leave_open(
         px, py = qx, qy
 
 
-#: Offsets in the array `lines`, which has rows of one element per lane for one test heliostat:
-#: unit vectors to the sun (rows 0 to 2) and to the target;
-#: projection axes U and V for one of these directions [1/m];
-#: shaded area, blocked area, and area that is shaded or blocked, on the square of area 4; common area of two images;
-#: weight, seven results, and images.
+#: Offsets of rows in the array `lines`, which has one element per lane and belongs to one test heliostat.
+#: Rows 0 to 2 contain the unit vectors to the sun.
+#: `TO_TARGET`: Unit vectors to the target.
+#: `VIEWS`: Projection axes U and V for the direction to the sun or to the target. [1/m]
+#: `TOTAL`: Shaded area, blocked area, and area that is shaded or blocked, on the square of area 4.
+#: `_SHARED`: Common area of two images.
+#: `WEIGHT`, `RESULT`, `IMAGES`: Weights of the instants, seven results, and images.
 TO_TARGET, VIEWS, TOTAL, _SHARED, WEIGHT, RESULT, IMAGES = (row * ROW for row in (3, 6, 12, 15, 16, 17, 24))
 #: Number of floats in an image.
 #: The rows are the centre (x, y), the half edges a and b (x, y each), and the area on the test mirror (0 if outside).
-#: Three more rows contain heights above the plane of the test mirror, for the centre and along a and b.
+#: Three more rows contain the height of the centre above the plane of the test mirror, and its changes along a and b.
 IMAGE = 10 * ROW
 #: Offsets of the rows of areas and heights. Heights are valid only in lanes of `BEHIND`.
 AREA, _HEIGHT = 6 * ROW, 7 * ROW
 #: Rows of the array `marks`, which has one column for each image. Lanes are stored with one bit per lane.
 #: `PRESENT`: Lanes in which the image covers part of the test mirror.
 #: `BEHIND`: Lanes in which part of the projected mirror lies behind the plane of the test mirror and is cut off.
-#: `_NAMES`, `_SIZES`: Indices of the images in one lane, and their numbers of corners.
+#: `_NAMES`, `_SIZES`: Indices of the images in one lane, and the number of corners of each image.
 #: `_MET` and following rows: lanes in which each pair of images overlaps.
 PRESENT, BEHIND, _NAMES, _SIZES, _MET = range(5)
 
 
 @inner
 def write_axes(lines: Floats, frames: Floats, f: int, direction: int, lanes: int) -> None:
-    """Write the projection axes U and V (x, y, z of each) of the test mirror whose frame is at `f` in `frames`. [1/m]
+    """Write the projection axes U and V of a test mirror, 3 rows each. [1/m]
 
-    `direction` is 0 (to the sun) or `TO_TARGET`.
+    The frame of the mirror begins at `f` in `frames`. `direction` is 0 (to the sun) or `TO_TARGET`.
 
     U and V are 0 if the sides of the mirror are 0. The denominator of U and V is computed from the vectors, because the
     cosine would have large rounding errors at grazing incidence.
@@ -274,11 +281,12 @@ def project(
 ) -> bool:  # fmt: skip
     """Write the projection of mirror j as image m; return True if the image covers part of the test mirror i.
 
-    The overlap is tested with separating axes, which are the normals of the edges of the square and of the image.
+    Overlap is tested with separating axes, namely the edge normals of the square and of the image.
 
-    `lines` contains U and V of the test mirror, from `write_axes`, and the direction d at `direction`. The frame of the
-    mirror begins at `f` in `frames`, and the frame of the test mirror at `test` [m]. `spheres` are the bounding spheres
-    of all mirrors. A mirror with a disjoint sphere is in front if and only if D.d > 0.
+    `lines` contains U and V of the test mirror, from `write_axes`, and the direction d at `direction`. The frame of
+    mirror j begins at `f` in `frames`, and the frame of the test mirror at `test` [m]. `spheres` contains the bounding
+    spheres of all mirrors. If the bounding spheres of the two mirrors are disjoint, mirror j is in front if and only if
+    D.d > 0.
     """
     way, reach = offset(spheres, i, j), spheres[i, 3] + spheres[j, 3]
     apart = dot(way, way) > reach * reach * (1.0 + 1e-12)
@@ -310,14 +318,13 @@ def project_tower(
 ) -> bool:
     """Write the projection of a tower as image 0; return True if the image covers part of the test mirror.
 
-    The tower, an upright cylinder, is replaced by an upright rectangle of equal diameter that faces the sun, pi/4 radii
-    in front of the axis. The shadow of this rectangle has a straight end, and its area equals the area of the
-    cylinder's shadow. The tower is treated as if it had no lower end.
+    The tower is an upright cylinder. It is replaced by an upright rectangle that faces the sun, is one tower diameter
+    wide, and is pi/4 radii in front of the tower axis. The shadow of this rectangle has a straight end, and its area
+    equals the area of the cylinder's shadow. The tower is treated as if it had no lower end.
 
-    `base` is the vector from the centre of the test mirror to the foot of the tower [m]. The lower edge
-    of the rectangle is `low` below the centre of the test mirror [m]. `tower` contains the radius of the tower and the
-    height of its top [m]. The other parameters are
-    as in `project`.
+    `base` is the vector from the centre of the test mirror to the foot of the tower [m]. The lower edge of the
+    rectangle is `low` below the centre of the test mirror [m]. `tower` contains the radius of the tower and the height
+    of its top [m]. The other parameters are as in `project`.
     """
     found, behind = np.int64(0), np.int64(0)
     half, front = 0.5 * (base[2] + tower[1] + low), 0.25 * math.pi * tower[0]
@@ -362,7 +369,10 @@ def _project_along_u(lines, o, frames, f, direction, way, apart, start, stop):
 
 @inner
 def _measure(lines, o, some, lanes):
-    """Write an image's area within the square in the lanes `some`, else 0; return the lanes with a positive area."""
+    """Write the area of an image within the square for the lanes `some`, and 0 for all other lanes.
+
+    Returns the lanes with a positive area.
+    """
     found = np.int64(0)
     for k in range(lanes):
         put(lines, o + AREA, k, 0.0)
@@ -389,7 +399,10 @@ def _measure(lines, o, some, lanes):
 
 @inner
 def _heights(lines, o, frames, f, test, way, some, lanes):
-    """Write a near mirror's heights above the test plane; return the lanes in which this plane cuts the mirror."""
+    """Write the heights of a nearby mirror above the plane of the test mirror.
+
+    Returns the lanes in which the plane cuts the nearby mirror.
+    """
     behind = np.int64(0)
     for k in range(lanes):
         normal = cross(load(frames, test, k), load(frames, test + 3 * ROW, k))
@@ -440,9 +453,10 @@ def unions(
 ) -> None:
     """Compute the exact area of the union of images in each lane, on the square of area 4.
 
-    The first `shading` of `count` images shade, the others block. The function writes the shaded, blocked, and shaded
-    or blocked areas to the rows `TOTAL` of `lines`. `lanes` is a multiple of `vectors.GROUP`. `polygons` has storage
-    for `CORNERS` corners of each image. `pieces` has storage for the pieces of the square outside the images.
+    The first `shading` of `count` images are shadows; the others are blocked parts. The shaded area, the blocked area,
+    and the area that is shaded or blocked are written to the rows `TOTAL` of `lines`. `lanes` is a multiple of
+    `vectors.GROUP`. `polygons` has storage for `CORNERS` corners of each image. `pieces` has storage for the pieces of
+    the square outside the images.
 
     Rounding errors are about 1e-14. Within 1 mrad of grazing incidence, rounding errors increase to 2e-12 if images are
     1000 times as large as the mirror.
@@ -469,7 +483,7 @@ def unions(
 
 @inner
 def _add(lines, row, areas, factor, some, lanes):
-    """Add areas, multiplied by a factor, to a row of the totals in the lanes `some`."""
+    """Add areas, multiplied by `factor`, to a row of totals in the lanes `some`."""
     for k in range(lanes):
         put(lines, row, k, get(lines, row, k) + (factor * get(lines, areas, k) if some >> k & 1 else 0.0))
 
@@ -498,7 +512,7 @@ def _overlapping(lines, one, other, some, lanes):
             gap = larger(abs(cx * ay - cy * ax) - ab - ap - aq, abs(cx * by - cy * bx) - ab - bp - bq)
             gap = larger(gap, abs(cx * py - cy * px) - pq - ap - bp)
             gap = larger(gap, abs(cx * qy - cy * qx) - pq - aq - bq)
-            # images closer than 1e-3 count as overlapping, because their edges may coincide
+            # treat images closer than 1e-3 as overlapping, because their edges may coincide
             least = smaller(get(lines, one + AREA, k), get(lines, other + AREA, k))
             found |= np.int64((gap < 1e-3) & (least > _NOTHING)) << k
         start, stop = next_run(stop, some, lanes)
@@ -531,7 +545,7 @@ def _add_overlaps(lines, marks, some, shading, count, polygons, pieces, lanes):
 
 @inner
 def _add_triples(lines, marks, m, n, left, shading, count, polygons, pieces, lanes):
-    """Add common areas of images m, n and each image before n; return lanes with ties or four overlapping images."""
+    """Add common areas of m, n and each image before n; return lanes with ties or four overlapping images."""
     for i in range(n):
         three = marks[_MET + m, n] & marks[_MET + m, i] & marks[_MET + n, i] & ~left
         for h in range(count if three != 0 else 0):
@@ -556,7 +570,7 @@ def _subtract(lines, marks, shading, count, k, polygons, pieces):
     some, shades = 0, 0
     for m in range(count):
         size = get(lines, IMAGES + m * IMAGE + AREA, k)
-        if size > _NOTHING:  # sort by size, large images first
+        if size > _NOTHING:  # sort by descending size
             n = some
             while n > (shades if m >= shading else 0):
                 before = marks[_NAMES, n - 1]
@@ -577,15 +591,16 @@ def _subtract(lines, marks, shading, count, k, polygons, pieces):
     lines[TOTAL + ROW + k] = SQUARE - pieces[1]
 
 
-#: In lanes below these limits, images are subtracted from the square one by one.
-#: `_ALONG`: Minimum edge component perpendicular to a side of the square.
-#: `_NEXT`: Minimum distance of an edge from a side of the square. `_THIN`: Minimum area.
+#: Limits for ties. In a lane with a tie, images are subtracted from the square one by one.
+#: `_ALONG`, `_NEXT`: An edge nearly coincides with a side of the square if its component perpendicular to the side is
+#: below `_ALONG` and the distance of one of its ends from the side is below `_NEXT`.
+#: `_THIN`: Minimum cross product of the half edges of an image.
 _ALONG, _NEXT, _THIN = 1e-3, 2e-3, 1e-6
 
 
 @inner
 def shared_by_two(lines: Floats, one: int, other: int, some: int, lanes: int) -> tuple[np.int64, np.int64]:
-    """Write the common area of the square and the images at offsets `one` and `other` in each lane.
+    """Write the common area of the square and the images at offsets `one` and `other` in the lanes `some`.
 
     Returns the lanes in which the area may be wrong because edges nearly coincide, and the lanes with a positive area.
     """
@@ -597,7 +612,7 @@ def shared_by_two(lines: Floats, one: int, other: int, some: int, lanes: int) ->
             (bx, by), (gx, gy) = load2(lines, one + 4 * ROW, k), load2(lines, other, k)
             (px, py), (qx, qy) = load2(lines, other + 2 * ROW, k), load2(lines, other + 4 * ROW, k)
             ax, ay, bx, by = _turned(ax), _turned(ay), _turned(bx), _turned(by)
-            # Coordinates relative to the second image: (x e + y f + g, x h + y i + j).
+            # Coordinates in the frame of the second image: (x e + y f + g, x h + y i + j).
             turn = px * qy - py * qx
             scale = 1.0 / turn if abs(turn) > 1e-200 else 0.0
             e, f, h, i = qy * scale, -qx * scale, -py * scale, px * scale
@@ -651,19 +666,19 @@ def shared_by_two(lines: Floats, one: int, other: int, some: int, lanes: int) ->
 
 @inline
 def _turned(value):
-    """Return an edge component, replaced by 1e-140 if it is 0 or nearly 0."""
+    """Return an edge component, or 1e-140 if its magnitude is smaller."""
     return value if abs(value) > 1e-140 else 1e-140
 
 
 @inline
 def _crossings(side, p, r):
-    """Return the line parameters at which four edges cross a side, from the inverses `r` of their components."""
+    """Return the parameters at which four edges cross a side; `r` contains the inverse edge components."""
     return (side - p[0]) * r[0], (side - p[1]) * r[1], (side - p[2]) * r[2], (side - p[3]) * r[3]
 
 
 @inline
 def _between(a, b, c, d):
-    """Return the parts of four lines, within [-1, 1], that lie between crossings a and b and between c and d."""
+    """Return the ends of the parts of four lines that `_ends` returns for one line."""
     (low0, high0), (low1, high1) = _ends(a[0], b[0], c[0], d[0]), _ends(a[1], b[1], c[1], d[1])
     (low2, high2), (low3, high3) = _ends(a[2], b[2], c[2], d[2]), _ends(a[3], b[3], c[3], d[3])
     return (low0, low1, low2, low3), (high0, high1, high2, high3)
@@ -671,7 +686,7 @@ def _between(a, b, c, d):
 
 @inline
 def _ends(a, b, c, d):
-    """Return the part of a line, within [-1, 1], that lies between crossings a and b and between c and d."""
+    """Return the ends of the part of a line within [-1, 1], between crossings a and b and between c and d."""
     low = unit(larger(smaller(a, b), smaller(c, d)))
     return low, larger(smaller(smaller(larger(a, b), larger(c, d)), 1.0), low)
 
@@ -684,7 +699,7 @@ def _parts(px, py, dx, dy, low, high, rise, run):
 
 @inline
 def _tied(middle, half, component):
-    """Return True if one of two edges nearly coincides with a side of the square."""
+    """Return True if one of two parallel edges nearly coincides with a side of the square."""
     return (abs(component) < _ALONG) & (
         (abs(abs(middle + half) - 1.0) < _NEXT) | (abs(abs(middle - half) - 1.0) < _NEXT)
     )
