@@ -2,7 +2,7 @@
 Calibration of a heliostat
 ==========================
 
-Estimate the errors of a mount from spots on a target, and compute commands that correct them.
+Estimate the errors of a heliostat mount from spots on a target, and compute the commands that correct these errors.
 """
 
 import matplotlib.pyplot as plt
@@ -15,21 +15,21 @@ times = pd.date_range("2026-06-21T07:00", "2026-06-21T17:00", freq="30min", tz="
 sun = heliosweep.sun_position(times, latitude=37.09, longitude=-2.36)
 suns = sun.sun_azimuth, sun.sun_elevation
 place = {"pivot": (45.0, 150.0, 4.0), "aim": 100.0}
-# errors of the mount [mrad]
+# true mount errors [mrad]
 truth = {"azimuth_reference": 3.0, "elevation_reference": -1.0, "tilt_about_north": -1.5, "tilt_about_east": 0.5}
 spots = heliosweep.mount_spots(*suns, errors=truth, **place)
 noise = np.random.default_rng(1).normal(0.0, 0.05, (2, times.size))  # m
 measured = spots.spot_y + noise[0], spots.spot_z + noise[1]
 
 # %%
-# Robust least squares estimate the errors and their standard errors.
+# Estimate the mount errors and their standard errors by robust least squares.
 
 mount = heliosweep.calibrate_mount(*suns, *measured, **place)
 table = mount[["estimated_error", "standard_error"]].to_pandas()
 print(table.assign(true=pd.Series(truth)).round(2))
 
 # %%
-# With the corrected commands, the spots are at the aim point.
+# With the corrected commands, the spots hit the aim point.
 
 after = heliosweep.mount_spots(*suns, errors=truth, corrected=mount.estimated_error, **place)
 figure, axes = plt.subplots(figsize=(6, 5), layout="constrained")

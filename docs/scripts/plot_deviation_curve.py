@@ -1,8 +1,8 @@
 """
-Spots of a heliostat with an error
-==================================
+Spot displacement caused by an error
+====================================
 
-Compute how the spot moves on the receiver as one error increases, for three kinds of error.
+Compute the path of the spot on the receiver as an error increases, for three types of error.
 """
 
 import matplotlib.pyplot as plt
@@ -15,7 +15,7 @@ place = {"pivot": (60.0, 100.0, 4.0), "aim": 50.0, "width": 5.0, "height_extent"
 errors = [("canting", "azimuth"), ("encoder", "encoder_azimuth"), ("tilt", "elevation")]
 
 # %%
-# Each curve is part of a conic. The tracking tolerance is the minimum error at which the spot leaves the aperture.
+# Each curve is part of a conic. The tracking tolerance is the smallest error that moves the spot out of the aperture.
 
 figure, axes = plt.subplots(figsize=(6, 5), layout="constrained")
 for source, axis in errors:

@@ -18,13 +18,13 @@ tilt = np.linspace(0.0, 0.3, 31)  # deg
 directions = {"north or south": 0.0, "east or west": 90.0}
 
 # %%
-# The factor decreases linearly with the tilt and depends on its direction.
+# The tracking factor decreases linearly with the tilt angle and depends on the tilt direction.
 
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 for name, azimuth in directions.items():
     factor = heliosweep.tracking_factor(sun.sun_azimuth, sun.sun_elevation, tilt, azimuth, tolerance=4.0)
     most = heliosweep.tolerable_tilt(sun.sun_azimuth, sun.sun_elevation, 0.8, azimuth, tolerance=4.0)
-    axes.plot(tilt, factor, label=f"tilt to the {name}: 0.8 at {most:.3f}°")
+    axes.plot(tilt, factor, label=f"tilt towards {name}: 0.8 at {most:.3f}°")
 axes.axhline(0.8, color="0.6", linewidth=0.8)
 axes.set(xlabel="tilt of the azimuth axis [°]", ylabel="effective tracking factor")
 axes.legend()

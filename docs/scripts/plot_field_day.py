@@ -2,8 +2,8 @@
 Efficiency of a field over a day
 ================================
 
-Compute the cosine, shading and blocking efficiency of 200 heliostats from sunrise to sunset. Shadows are exact unions
-of polygons.
+Compute the cosine, shading and blocking efficiencies of 200 heliostats from sunrise to sunset. Shadows are computed
+exactly, as unions of polygons.
 """
 
 import matplotlib.pyplot as plt
@@ -18,7 +18,7 @@ sun = heliosweep.sun_position(times, latitude=37.09, longitude=-2.36)
 light = heliosweep.field_efficiency(field, sun.sun_azimuth, sun.sun_elevation, width=9.0, height=8.0, aim=80.0)
 
 # %%
-# Plot the mean over the field. Shading causes the largest loss when the sun is low.
+# Plot the mean efficiencies of the field. Shading causes the largest loss when the sun is low.
 
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 for name in ("cosine", "shading", "blocking", "optical"):
@@ -28,7 +28,8 @@ axes.set(xlabel="local time [h]", ylabel="efficiency [%]", ylim=(0, 102))
 axes.legend()
 
 # %%
-# Plot each heliostat at 9 o'clock. Heliostats west of the tower, opposite the sun, have a higher cosine efficiency.
+# Plot the optical efficiency of each heliostat at 9:00. Heliostats west of the tower, opposite the sun, have a higher
+# cosine efficiency.
 
 morning = light.optical_efficiency[times.hour == 9][0]
 figure, axes = plt.subplots(figsize=(6, 5), layout="constrained")

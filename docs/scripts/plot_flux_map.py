@@ -18,7 +18,8 @@ mirrors = {"width": 9.0, "height": 8.0, "slope_error": 1.5, "sun_shape": "limb_d
 noon = {"sun_azimuth": 180.0, "sun_elevation": 53.0, "dni": 900.0, "rays": 4096, "flux_map": (24, 48)}
 
 # %%
-# The aim points are on the surface, at the azimuth of each heliostat. Neighbours in the list aim at different heights.
+# Each aim point is on the receiver surface, at the azimuth of its heliostat. Consecutive heliostats in the list aim at
+# different heights.
 
 azimuth = np.arctan2(layout.x, layout.y)
 levels = 80.0 + 2.0 * (np.arange(layout.x.size) % 3 - 1)
@@ -29,7 +30,7 @@ cases = {
 }
 
 # %%
-# Three levels reduce the peak flux, but some light misses the receiver at its edges.
+# Three aim levels reduce the peak flux, but some light misses the top and bottom edges of the receiver.
 
 figure, axes = plt.subplots(2, 1, figsize=(7, 5.4), sharex=True, layout="constrained")
 top = max(float(light.peak_flux) for light in cases.values())
@@ -37,6 +38,6 @@ for panel, (name, light) in zip(axes, cases.items(), strict=True):
     image = panel.imshow(light.flux_map, origin="lower", extent=(0, 360, 75.5, 84.5), aspect="auto", vmax=top)
     arrives = 100 * float(light.intercept_efficiency.mean())
     panel.set(title=f"{name}: peak {float(light.peak_flux):.0f} kW/m², intercept {arrives:.1f} %", ylabel="height [m]")
-axes[1].set(xlabel="azimuth on the receiver, from north over east [°]")
+axes[1].set(xlabel="azimuth on the receiver, clockwise from north [°]")
 figure.colorbar(image, ax=axes, label="flux [kW/m²]")
 plt.show()

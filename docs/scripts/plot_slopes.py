@@ -2,7 +2,8 @@
 Slopes of a mirror from four images
 ===================================
 
-Simulate the images of four cameras near the target that see the sun in the mirror, and compute slopes from the images.
+Simulate images of the sun's reflection in a mirror, taken by four cameras near the target, and compute the slopes of
+the mirror from these images.
 """
 
 import matplotlib.pyplot as plt
@@ -25,10 +26,10 @@ axes[0].set(ylabel="z [m]")
 figure.colorbar(shown, ax=axes, label="brightness")
 
 # %%
-# Compute the slopes from the four images, and their error.
+# Compute the slopes from the four images, and the error of the horizontal slope.
 
 slopes = heliosweep.reconstruct_slopes(scene, noisy)
-panels = {"horizontal": slopes.slope_x, "vertical": slopes.slope_y, "error, horizontal": slopes.slope_x - true_x}
+panels = {"horizontal": slopes.slope_x, "vertical": slopes.slope_y, "horizontal error": slopes.slope_x - true_x}
 figure, axes = plt.subplots(1, 3, figsize=(9, 3.2), sharey=True, layout="constrained")
 for panel, (name, values) in zip(axes, panels.items(), strict=True):
     shown = panel.pcolormesh(y, z, values, cmap="RdBu_r", vmin=-0.35, vmax=0.35)

@@ -1,8 +1,8 @@
 """
-Energy of a year, and its losses
-================================
+Annual energy and losses
+========================
 
-Compute the energy on a receiver over a clear year, and the light lost at each stage.
+Compute the annual energy on a receiver under clear skies, and the energy lost at each stage.
 """
 
 import matplotlib.pyplot as plt
@@ -17,7 +17,7 @@ receiver = heliosweep.Cylinder(height=80.0, radius=1.8, height_extent=5.0)
 mirrors = {"width": 9.0, "height": 8.0, "slope_error": 2.0}
 
 # %%
-# Compute every hour of every third day of a year, with the direct irradiance of Meinel's clear-sky model.
+# Compute each hour of every third day, using the direct normal irradiance of Meinel's clear-sky model.
 
 times = pd.date_range("2026-01-01T00:30", "2026-12-31T23:30", freq="1h", tz="Etc/GMT-1")
 times = times[times.day_of_year % 3 == 0]
@@ -28,7 +28,7 @@ dni = 1361.0 * 0.7 ** (air_mass**0.678)
 light = heliosweep.trace_field(centres, receiver, sun.sun_azimuth, sun.sun_elevation, rays=64, **mirrors)
 
 # %%
-# The stages are in the order of the light path. The sum of their losses is the incident minus the received energy.
+# The stages are in the order of the light path. The sum of all losses is the incident energy minus the received energy.
 
 chain = {
     "cosine": light.cosine_efficiency,
