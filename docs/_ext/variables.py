@@ -13,7 +13,7 @@ from sphinx.util.docutils import SphinxDirective
 ROOT = Path(__file__).parent.parent.parent
 
 
-#: Option of the directive -> key of the block `output`.
+#: Option of the directive -> key of the `output` block.
 _OPTIONS = {"series": "time_series", "maps": "maps", "angles": "tracking_angles", "geometry": "field_geometry"}
 
 

@@ -41,7 +41,7 @@ class Plots:
         Parameters
         ----------
         variable : str
-            Variable with the dimension ``heliostat``. The result must contain the positions ``x`` and ``y``.
+            Variable with the ``heliostat`` dimension. The result must contain the positions ``x`` and ``y``.
         **select
             Coordinate value along every other dimension of the variable.
 
@@ -166,7 +166,7 @@ class HeliosweepAccessor:
         ----------
         **labels
             Label, list of labels or slice for each dimension. Heliostats are labelled by numbers from 0, and also by
-            names if the layout has a column ``name``.
+            names if the layout has a ``name`` column.
 
         Raises
         ------

@@ -666,7 +666,7 @@ def flux_maps(
     Parameters
     ----------
     source, select, azimuth, elevation
-        As in `efficiency_table`. The study must contain the key `output.flux_map`.
+        As in `efficiency_table`. The study must contain the `output.flux_map` key.
 
     Returns
     -------

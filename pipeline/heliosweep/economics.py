@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from heliosweep.lazy import xr
 
-#: Items along the dimension ``item`` of `capital_cost`, in order.
+#: Items along the ``item`` dimension of `capital_cost`, in order.
 ITEMS = ("site", "heliostats", "tower", "receiver", "other", "contingency", "land", "indirect", "sales_tax")
 
 
@@ -63,7 +63,7 @@ def capital_cost(
     Returns
     -------
     xarray.Dataset
-        Variables `capital_cost` with the dimension ``item``, and `total_capital_cost`.
+        Variables `capital_cost` with the ``item`` dimension, and `total_capital_cost`.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def _plain(value: Any) -> Any:
 
 
 def _labelled(name: str, value: Any) -> xr.DataArray:
-    """Return a value as a DataArray; an array without labels gets the dimension ``design``."""
+    """Return a value as a DataArray; an array without labels gets the ``design`` dimension."""
     if not isinstance(value, xr.DataArray):
         value = xr.DataArray(np.asarray(value, np.float64), dims=("design",)[: np.ndim(value)])
     if not (np.isfinite(value) & (value >= 0.0)).all():

@@ -134,9 +134,9 @@ def error_budget(
     Returns
     -------
     xarray.Dataset
-        The variable `loss`, with the dimension ``part``, contains the loss due to each cause alone. The last part,
+        The variable `loss`, with the ``part`` dimension, contains the loss due to each cause alone. The last part,
         'interaction', is the remaining loss. The sum of all parts is the undisturbed energy minus the actual energy. If
-        `without` is given, the variable `gain`, with the dimension ``cause``, contains the energy gained by removing
+        `without` is given, the variable `gain`, with the ``cause`` dimension, contains the energy gained by removing
         each cause. [MWh]
 
     Raises
@@ -275,7 +275,7 @@ def exceedance(values: Any, probability: ArrayLike = (0.5, 0.9), dim: str = "wea
     Returns
     -------
     ndarray, shape (..., n), or DataArray
-        Values that the annual results exceed with each probability. In a DataArray, the dimension ``exceedance``
+        Values that the annual results exceed with each probability. In a DataArray, the ``exceedance`` dimension
         replaces the year dimension.
 
     Raises

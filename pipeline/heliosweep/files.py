@@ -200,7 +200,7 @@ def remove_leftovers(folder: Path) -> None:
 
 
 class _LibraryLock:
-    """Reentrant lock for the NetCDF library. Each process has one lock, which can be pickled.
+    """Reentrant lock for the NetCDF library. Each process has one lock; unpickling returns the lock of the process.
 
     Only one thread at a time may call the library, even for different files. xarray acquires this lock to read values,
     but not to open files or to read attributes.

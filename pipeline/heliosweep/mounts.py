@@ -272,7 +272,7 @@ def calibrate_mount(
     Returns
     -------
     xarray.Dataset
-        Variables `estimated_error` and `standard_error` with the dimension ``parameter`` [mrad]. The estimated errors
+        Variables `estimated_error` and `standard_error` with the ``parameter`` dimension [mrad]. The estimated errors
         can be passed as `errors` or `corrected` to other functions. The variables `residual_y` and `residual_z` are the
         measured minus the predicted spot coordinates [m]. The variable `condition_number` is the condition number of
         the Jacobian [1]. The variable `calibration_status` is 0 (errors estimated), 1 (too few spots), 2 (condition
@@ -551,7 +551,7 @@ def mounts_of(setting: aiming.Setting, pivots: Floats, point: int = 0) -> aiming
 
 
 def _leading(values: Any) -> Any:
-    """Transpose values so that the dimension ``heliostat``, if present, comes first."""
+    """Transpose values so that the ``heliostat`` dimension, if present, comes first."""
     return values.transpose("heliostat", ...) if "heliostat" in getattr(values, "dims", ()) else values
 
 

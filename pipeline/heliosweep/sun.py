@@ -42,7 +42,7 @@ def sun_position(
     Returns
     -------
     xarray.Dataset
-        Variables `sun_azimuth` and `sun_elevation` with the dimension ``time`` (omitted for a single instant). [deg]
+        Variables `sun_azimuth` and `sun_elevation` with the ``time`` dimension (omitted for a single instant). [deg]
 
     Raises
     ------

@@ -270,7 +270,7 @@ def columns_of(study: Study) -> dict[str, str]:
 
 
 def sample_problems(study: Study) -> Iterator[Problem]:
-    """Yield a problem for each conflict between the block `sample` and the drawn keys of a study."""
+    """Yield a problem for each conflict between the `sample` block and the drawn keys of a study."""
     columns, sample = columns_of(study), study.sample
     drawn = list(dict.fromkeys(columns.values()))
     if sample is None or not drawn:

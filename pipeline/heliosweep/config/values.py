@@ -316,7 +316,7 @@ CUT = 1e-6
 
 
 class Drawn(Sweep):
-    """Values of a drawn key along the dimension ``sample``.
+    """Values of a drawn key along the ``sample`` dimension.
 
     Until a design is assigned, `values` returns only the minimum and the maximum of the draws, or all names.
 
@@ -833,7 +833,7 @@ class Quantity(Parameter):
 class Samples(Quantity):
     """Sampling instants, written as a sweep or a single value and always read as a sweep.
 
-    Results are averaged over the samples, or have the dimension ``time``. Samples are not a dimension of the parameter
+    Results are averaged over the samples, or have the ``time`` dimension. Samples are not a dimension of the parameter
     grid.
     """
 

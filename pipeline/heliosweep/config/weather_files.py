@@ -128,7 +128,7 @@ class Sheet:
     separator : str
         Cell separator.
     mark : str
-        Part of the interval that the time of a row marks; empty if unknown.
+        Part of the interval that timestamps mark: ``"start"``, ``"middle"`` or ``"end"``; empty if unknown.
     shift : float, optional
         Offset from the time of a row to the instant of the row, if the file contains this offset. [h]
     """

@@ -466,7 +466,7 @@ class Family:
         Returns
         -------
         xarray.Dataset
-            Variables that are not `finished`. If the region contains the dimension ``time``, the data set contains
+            Variables that are not `finished`. If the region contains the ``time`` dimension, the data set contains
             the variables with this dimension; otherwise, it contains the variables without ``time``. Values do not
             depend on the region in which they are computed.
         """

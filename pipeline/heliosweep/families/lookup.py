@@ -123,7 +123,7 @@ class Wrapped(Family):
 
 
 class Sampled(Wrapped):
-    """Family that computes each draw with the family `inner`, along the dimension ``sample``.
+    """Family that computes each draw with the family `inner`, along the ``sample`` dimension.
 
     All variables of a draw are computed variables, even if `inner` declares them as `finished`. The `finished`
     variables are the statistics over the draws.

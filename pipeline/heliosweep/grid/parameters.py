@@ -79,7 +79,7 @@ class Parameters:
     def column(self, key: str) -> tuple[tuple[str, ...], Any]:
         """Return the dimension of a key (if swept) and its values. Raises KeyError.
 
-        If the study has several sites, the values of site keys are along the dimension ``site``.
+        If the study has several sites, the values of site keys are along the ``site`` dimension.
         """
         if key in self._dims:
             values = self._declared[key][1][self.part(self._dims[key])]
@@ -120,7 +120,7 @@ class Parameters:
         return {dim: (self.part(dim).start or 0) + at for dim, at in zip(self.sizes, index, strict=True)}
 
     def timezones(self) -> list[str]:
-        """Return the time zone of each site in the region. A time zone in the block ``time`` applies to all sites."""
+        """Return the time zone of each site in the region. A time zone in the ``time`` block applies to all sites."""
         shared: str | None = getattr(self.study, "time").timezone  # noqa: B009
         sites = self._sites[self.part("site")] or (getattr(self.study, "site"),)  # noqa: B009
         return [shared or site.timezone or "+00:00" for site in sites]

@@ -51,7 +51,7 @@ class Variable:
 
     @property
     def kind(self) -> str:
-        """``series`` if the variable has the dimension ``time``, otherwise ``points``."""
+        """``series`` if the variable has the ``time`` dimension, otherwise ``points``."""
         return "series" if "time" in self.dims else "points"
 
 
@@ -174,7 +174,7 @@ class Piece(NamedTuple):
 
     #: Name that consists of the kind and a number, such as ``points-00012``.
     name: str
-    #: ``series`` for variables with the dimension ``time``, otherwise ``points``.
+    #: ``series`` for variables with the ``time`` dimension, otherwise ``points``.
     kind: str
     #: Slice of each divided dimension.
     region: dict[str, slice]

@@ -48,9 +48,9 @@ class Instants:
     The labels depend on the clock:
 
     - ``solar``: ``day`` or ``declination``, and ``solar_hour``.
-    - ``civil``: ``utc``, which also has the dimension `dim` if the clocks of the sites differ.
+    - ``civil``: ``utc``, which also has the `dim` dimension if the clocks of the sites differ.
     - ``weather``: ``utc``, the midpoint of each interval, and ``hours``, the length of each interval. Both labels
-      also have the dimension `dim` if the weather files differ.
+      also have the `dim` dimension if the weather files differ.
     - ``sun``: a single ``instant`` for each sun direction.
     """
 
@@ -61,7 +61,7 @@ class Instants:
     def coordinates(self) -> dict[str, xr.Variable]:
         """Return the labels as coordinates.
 
-        If the instants are ascending and equal at all sites, the coordinate ``time`` contains the instants.
+        If the instants are ascending and equal at all sites, the ``time`` coordinate contains the instants.
         """
         utc = self.labels.get("utc")
         if utc is not None and utc.dims == ("time",) and np.all(np.diff(utc.values) > np.timedelta64(0)):
@@ -126,7 +126,7 @@ def _table(rows: Sequence[NDArray[np.datetime64]], dim: str) -> tuple[tuple[str,
 
 
 def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
-    """Return the instants of the daily windows on the civil clock, in universal time, for the time zone of each site.
+    """Return the instants, in universal time, of the daily windows in the civil time of each site.
 
     A window starts and stops at clock times and has equal steps of elapsed time. A window that includes a clock change
     is therefore an hour shorter or longer. If the start or stop is in an hour that a clock change skips, the window
@@ -140,7 +140,7 @@ def civil_instants(time: CivilTime, timezones: list[str]) -> Instants:
 
 
 def civil_intervals(time: CivilTime, timezone: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the number of hours that each instant of `civil_instants` represents in a time zone, and its month.
+    """Return the hours that each instant of `civil_instants` represents, and its month, for one time zone.
 
     An instant represents one step, or half a step at both ends of an inclusive window. For an instant in two windows,
     the hours are summed.
@@ -182,7 +182,7 @@ def window_positions(steps: float, sampling: str) -> NDArray[np.float64]:
 
 
 def instants_of(grid: Parameters) -> Instants:
-    """Return the instants that the block ``time`` of the study specifies."""
+    """Return the instants that the ``time`` block of the study specifies."""
     time: SolarTime | CivilTime | SunDirections | WeatherTime = grid.study.time  # type: ignore[attr-defined]
     if isinstance(time, SunDirections):
         return Instants({"instant": xr.Variable("time", np.zeros(1))}, "sun")
@@ -213,7 +213,7 @@ def sun_attributes(
 ) -> dict[str, str]:
     """Return the global attributes that describe sun positions and time sampling.
 
-    The attributes depend on the block ``time``, on the kind of elevation (geometric or apparent), and on `delta_t`, the
+    The attributes depend on the ``time`` block, on the kind of elevation (geometric or apparent), and on `delta_t`, the
     difference between terrestrial and universal time [s] (default: by year and month).
     """
     if isinstance(time, SunDirections):

@@ -272,7 +272,7 @@ def check_weather(study: Any) -> Iterator[Problem | str]:
 
 
 def _doubts(file: WeatherFile, irradiance: Irradiance, sun: NDArray[np.float64], latitude: float) -> Iterator[str]:
-    """Yield warnings about a file at a site: notes from the reader, irradiance at night, low DNI and closure errors."""
+    """Yield warnings about a weather file: notes from the reader, irradiance at night, low DNI and closure errors."""
     name = Path(file.name).name
     yield from (f"{name}: {note}" for note in file.notes)
     energy = irradiance.dni * irradiance.hours

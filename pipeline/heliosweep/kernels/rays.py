@@ -312,8 +312,9 @@ def _map_slopes(r, count, place, slope, facet):
 def _reflect(r, count, points, block, f):
     """Write the rays' points (rows 0 to 2), sun directions (3 to 5), reflected directions (6 to 8) and sag (9).
 
-    For shading and blocking, mirrors are treated as planes, but rays of canted facets start on the facets. Reflected
-    light starts on the curved surface. The sag is the height of this surface above the starting point of a ray.
+    Mirrors that shade or block are treated as planes. Rays start on the plane of their mirror or, if its facets are
+    canted, on the planes of the facets. Reflected light starts on the curved surface. The sag is the height of this
+    surface above the starting point of a ray.
     """
     n0, n1, n2, u0, u1, u2, v0, v1, v2 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
     s0, s1, s2, p0, p1, p2, q0, q1, q2 = f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17]
@@ -345,7 +346,7 @@ def _reflect(r, count, points, block, f):
 
 @inner(fastmath=_FAST)
 def _cover(r, count, way, lit, limit, j, i, field, frames):
-    """Mark rays as dark in row `lit` if mirror j intercepts them within `limit` along the directions in rows `way`."""
+    """Set row `lit` to 0 for rays that hit mirror j closer than `limit`. Rows `way` contain the ray directions."""
     single, e = np.float32, frames[j]
     n0, n1, n2, u0, u1 = single(e[0]), single(e[1]), single(e[2]), single(e[3]), single(e[4])
     u2, v0, v1, v2, limit = single(e[5]), single(e[6]), single(e[7]), single(e[8]), single(limit)

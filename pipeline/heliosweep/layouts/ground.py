@@ -162,7 +162,7 @@ def read_heights(path: Path, tower: Place = AT_TOWER) -> Any:
 
     The function takes (y, x), relative to the tower [m], and returns NaN outside the grid.
 
-    Raises a StudyError for the key ``terrain.file`` if the file is neither NetCDF nor GeoTIFF, or contains no grid over
+    Raises a StudyError for the ``terrain.file`` key if the file is neither NetCDF nor GeoTIFF, or contains no grid over
     x and y.
     """
     need, form = _checker(path, "terrain.file"), "a file"
@@ -228,7 +228,7 @@ def _geotiff(path: Path, need: Callable[[Any, str], None]) -> tuple[Floats, Floa
 def heights_at(heights: Any, name: str, x: Floats, y: Floats) -> Floats:
     """Return the ground height at each position relative to the ground at the tower. [m]
 
-    `heights` is the function returned by `read_heights`. Raises a StudyError for the key ``terrain.file`` if a height
+    `heights` is the function returned by `read_heights`. Raises a StudyError for the ``terrain.file`` key if a height
     is missing.
     """
     found: Floats = heights((y, x)) - heights((0.0, 0.0))

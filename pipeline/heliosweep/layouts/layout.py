@@ -90,7 +90,7 @@ NAMED_BY_HELIOSTAT = ("width", "height", "pivot_height", "reflectivity", "cleanl
 class Layout:
     """Positions and properties of the heliostats of a field.
 
-    The heliostats have the same order as the dimension ``heliostat`` of the result. All arrays are read-only copies.
+    The heliostats have the same order as the ``heliostat`` dimension of the result. All arrays are read-only copies.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class Layout:
     def matches(self, labels: Sequence[str]) -> NDArray[np.int64]:
         """Return the index of each heliostat in `labels`, shape (heliostat,), or -1 for unlisted heliostats.
 
-        A label is a value in the column ``name``, or in ``id`` if there are no names. Any other label is a heliostat
+        A label is a value in the ``name`` column, or in ``id`` if there are no names. Any other label is a heliostat
         number.
         """
         column = self.columns.get(label_of(self.columns), np.full(len(self), ""))

@@ -444,7 +444,7 @@ def read_paint_spots(
     Returns
     -------
     PaintSpots
-        The `columns` of ``calibration.spots``, the block `mount`, the `plant` as returned by `read_paint`, and `notes`.
+        The `columns` of ``calibration.spots``, the `mount` block, the `plant` as returned by `read_paint`, and `notes`.
         Heliostats are identified by the layout column ``id``. Heliostats without linear actuators are omitted.
 
     Raises

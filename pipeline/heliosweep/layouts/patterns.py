@@ -332,7 +332,7 @@ def spiral(
     Returns
     -------
     Layout
-        Layout ordered from the tower outwards. z is 0, and the column ``turn`` contains the number k. Azimuths are
+        Layout ordered from the tower outwards. z is 0, and the ``turn`` column contains the number k. Azimuths are
         clockwise from north.
 
     Raises
@@ -388,7 +388,7 @@ def rows(
     Returns
     -------
     Layout
-        Layout ordered by rows along `azimuth`, and from the left within each row. z is 0, and the column ``row``
+        Layout ordered by rows along `azimuth`, and from the left within each row. z is 0, and the ``row`` column
         contains the row number.
 
     Raises
@@ -416,7 +416,7 @@ def rows(
     return _cut("rows", places, reach, inner_radius, heliostats, region)
 
 
-#: Generators for each key of the block ``layout``.
+#: Generators for each key of the ``layout`` block.
 PATTERNS: Mapping[str, Callable[..., Layout]] = {"radial_stagger": radial_stagger, "spiral": spiral, "rows": rows}
 
 

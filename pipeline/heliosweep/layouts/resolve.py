@@ -1,4 +1,4 @@
-"""Read or generate the layouts of a study, one for each combination of swept values in the block ``layout``."""
+"""Read or generate the layouts of a study, one for each combination of swept values in the ``layout`` block."""
 
 from __future__ import annotations
 
@@ -254,7 +254,7 @@ _read = read_once(8)(read_csv)
 
 @lru_cache(maxsize=8)
 def _generated(kind: str, region: Region | None, **given: Any) -> Layout:
-    """Generate a layout. Raises a StudyError whose problems name keys in the block ``layout``."""
+    """Generate a layout. Raises a StudyError whose problems name keys in the ``layout`` block."""
     try:
         return PATTERNS[kind](**given, region=region)
     except StudyError as error:

@@ -357,7 +357,7 @@ def _over_results(figures: Iterator[Figure], same: bool) -> Iterator[Figure]:
 
 
 def together(results: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Return the common variables of results at their common points, joined along the dimension ``result``.
+    """Return the common variables of results at their common points, joined along the ``result`` dimension.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class SearchRun(Run):
-    """Run of a search in a result folder."""
+    """Run of a study with a search, stored in a result folder."""
 
     family: Searched
 

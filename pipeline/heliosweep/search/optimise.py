@@ -1,4 +1,4 @@
-"""Search optimisers from `pymoo` (extra `search`) and SciPy.
+"""Optimisers for searches, from `pymoo` (extra `search`) and SciPy.
 
 A single objective is optimised by particle swarm optimisation (Kennedy and Eberhart 1995,
 doi:10.1109/ICNN.1995.488968). COBYQA then refines the best point (Ragonneau and Zhang 2025,

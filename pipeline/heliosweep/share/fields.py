@@ -161,7 +161,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 
 
 def write_paint_spots(spots: PaintSpots, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Write spots as a table for the key ``calibration.spots``.
+    """Write spots as a table for the ``calibration.spots`` key.
 
     The notes in `spots` are written as comments above the table.
 

@@ -123,8 +123,8 @@ def copy_examples(names: Iterable[str], folder: str | os.PathLike[str], *, force
     for name in dict.fromkeys(name.removesuffix(".yaml") for name in names):
         if name not in known:
             near = nearest(name, known)
-            hint = f"did you mean {near!r}?" if near else "heliosweep examples lists them"
-            raise StudyError(Problem(f"heliosweep has no shipped study with this name; {hint}", name))
+            hint = f"did you mean {near!r}?" if near else "'heliosweep examples' lists all names"
+            raise StudyError(Problem(f"no shipped study has this name; {hint}", name))
         home = known[name].parent
         for file in sources_of(load(known[name], study_classes())):
             if file.is_relative_to(home):  # files outside this folder are part of a package

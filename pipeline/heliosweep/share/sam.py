@@ -377,7 +377,7 @@ def tower_electricity(
     xarray.Dataset
         Annual values: `electricity` [MWh], `turbine_power` [MW], `capacity_factor` [1], `installed_cost` [USD] and
         `levelized_cost_of_electricity` [USD/MWh]. Time series: `electric_power`, `absorbed_power`, `receiver_loss` and
-        `receiver_heat` [MW], `stored_heat` [MWh] and `dni` [W/m2]. The coordinate ``time`` is the middle of each
+        `receiver_heat` [MW], `stored_heat` [MWh] and `dni` [W/m2]. The ``time`` coordinate is the middle of each
         interval, measured from the start of the year [h].
 
     Raises

@@ -118,7 +118,9 @@ def locked(folder: Path) -> Iterator[None]:
     process that is still starting.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise HeliosweepError('a script must call the functions that run studies below `if __name__ == "__main__":`')
+        raise HeliosweepError(
+            'a script must call functions that run studies inside an `if __name__ == "__main__":` block'
+        )
     lock = FileLock(folder / LOCK, mode=0o666)
     try:
         lock.acquire(timeout=0.5)

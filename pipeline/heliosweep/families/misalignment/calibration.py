@@ -238,7 +238,7 @@ def periods(study: MisalignmentStudy, campaigns: Mapping[str, MeasuredSpots]) ->
 
 
 def finished(study: MisalignmentStudy, found: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Add the variables for commands and, if errors are drawn, the dimension `sample`.
+    """Add the variables for commands and, if errors are drawn, the `sample` dimension.
 
     An attribute marks the variables whose best value is the minimum or the maximum.
     """

@@ -228,7 +228,7 @@ def read_spots(
         Latitude [deg], longitude [deg] and altitude [m] of the site. If the place or the longitude is missing, sun
         vectors are not computed from times.
     crossings : bool
-        True if the rows are crossings. The column ``trace`` is then required.
+        True if the rows are crossings. The ``trace`` column is then required.
     timezone : str
         Time zone of times without an offset, given as an offset or an IANA name. If omitted, all times need an offset.
     columns : tuple of tuples

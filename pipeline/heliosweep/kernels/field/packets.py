@@ -7,8 +7,8 @@ Let r and s be the unit vectors from a mirror to the target and to the sun. The 
 n = unit(r + s), and its frame is (u, v, n) with v = n x u. The width of the mirror is along u, and the height is along
 v. Vectors are stored for all lanes of a packet; see `vectors.load`.
 
-Heliostats that may shade or block a mirror are selected with a uniform grid, a wedge and a cone. The selection never
-misses a heliostat that shades or blocks.
+Heliostats that may shade or block a mirror are selected in two steps: those in the grid cells that overlap a wedge in
+plan view, and of these, those inside a cone. The selection never misses a heliostat that shades or blocks.
 
 Let D = C_j - C_i be the vector from mirror i to mirror j, R the sum of their bounding radii, and d a direction to the
 sun or the target. Mirror j projects onto mirror i along d only if the line distance |D - (D.d) d| is below R. If the

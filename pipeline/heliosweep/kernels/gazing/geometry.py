@@ -896,6 +896,6 @@ def align(images: Floats, cameras: Pinholes, focal_length: float, modules: Modul
 
 
 def _weight(distance: Floats) -> Floats:
-    """Return the weights of Keys' cubic (a = -1/2) for image pixels at distances of less than 2 pixels."""
+    """Return the weights of Keys' cubic convolution kernel (a = -1/2) for distances below 2 pixels."""
     d = np.abs(distance)
     return np.where(d <= 1.0, 1.0 + d * d * (1.5 * d - 2.5), 2.0 + d * (-4.0 + d * (2.5 - 0.5 * d)))
