@@ -532,7 +532,7 @@ class RadialStagger(Block):
         return when(
             (len(given) > 1,
              Fault("give exactly one of 'rings', 'heliostats' and 'zones'", tuple(given[1:2]), show_value=False)),
-            (self.inner_radius is self.zones is None,
+            (self.inner_radius is None and self.zones is None,
              Fault("'inner_radius' is missing: the radius of the first ring, in m", show_value=False)),
             (self.spacing is not None and self.zones is not None,
              Fault("generates its own zones: remove 'zones' or this key", ("spacing",), show_value=False)),

@@ -404,7 +404,7 @@ class Limit(Block):
         """Check that there is at least one bound, and that the minimum does not exceed the maximum."""
         low, high = self.at_least, self.at_most
         return when(
-            (low is high is None, Fault("give 'at_least', 'at_most' or both", show_value=False)),
+            (low is None and high is None, Fault("give 'at_least', 'at_most' or both", show_value=False)),
             (low is not None and high is not None and low > high, Fault("must not exceed 'at_most'", ("at_least",))),
         )
 
@@ -485,6 +485,8 @@ def with_search(source: Source, study_class: type[Study], problems: list[Problem
     data, known = copy.deepcopy(source.data), searchable(study_class)
     for key, extent in over.items() if isinstance(over, dict) else ():
         place = ("search", "over", key)
+        if extent is None:  # reported as empty
+            continue
         if key not in known:
             hint = did_you_mean(key, known) or ": only keys that can be swept can be searched"
             problems.append(source.problem(place, f"is not a key that can be searched{hint}", at_key=True))

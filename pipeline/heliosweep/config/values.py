@@ -167,7 +167,7 @@ def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = F
 
 def read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
     """Read a range. `number` converts a single number. Raises Invalid with each fault at its key."""
-    if "logspace" in raw and not geometric:
+    if not geometric and "logspace" in raw:
         inner = {"logspace": partial(read_range, number=number, geometric=True)}
         return cast("Sweep", read_mapping(raw, inner, ("logspace",), _FORMS)["logspace"])
     counts: dict[str, Callable[[Any], Any]] = {"step": number} if not geometric else {}
@@ -412,6 +412,7 @@ class Drawn(Sweep):
 #: Checks of distribution parameters: the distributions, the condition, the index of the invalid parameter, the message.
 _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Sequence[float]], bool], int, str], ...] = (
     ((LOGNORMAL,), lambda v: v[0] > 0, 0, "the median must be greater than 0"),
+    ((LOGNORMAL,), lambda v: v[1] <= 10, 1, "the standard deviation of the natural logarithm must be at most 10"),
     ((UNIFORM, TRIANGULAR), lambda v: v[0] < v[-1], 0, "the minimum must be less than the maximum"),
     ((TRUNCATED,), lambda v: v[2] < v[3], 2, "the minimum must be less than the maximum"),
     (
@@ -568,7 +569,9 @@ class Parameter:
 
     def _drawn(self, raw: Any) -> Any:
         form = "names are drawn from {discrete: {values: [...], weights: [...]}}"
-        return read_mapping(raw, {DISCRETE: partial(_discrete, read=self._one)}, (DISCRETE,), form)[DISCRETE]
+        return read_mapping(raw, {DISCRETE: partial(_discrete, read=self._one)}, (), form, exactly=(DISCRETE,))[
+            DISCRETE
+        ]
 
     def json_schema(self) -> Schema:
         """Return the JSON Schema of the value, with a simplified schema of its sweeps."""

@@ -139,7 +139,7 @@ class BackwardGazingStudy(Study):
              "cannot be swept if 'positions' is set", ("cameras", key), False)
             for key in ("arrangement", "radius")
         ] + [
-            ("table" in ends(self.sun_profile) and sun.profile is sun.image is None,
+            ("table" in ends(self.sun_profile) and sun.profile is None and sun.image is None,
              "'sun.profile' is missing: give the table for 'sun_profile: table'", (), False),
         ]  # fmt: skip
         if self.mode == "measured":
