@@ -569,9 +569,8 @@ class Parameter:
 
     def _drawn(self, raw: Any) -> Any:
         form = "names are drawn from {discrete: {values: [...], weights: [...]}}"
-        return read_mapping(raw, {DISCRETE: partial(_discrete, read=self._one)}, (), form, exactly=(DISCRETE,))[
-            DISCRETE
-        ]
+        readers = {DISCRETE: partial(_discrete, read=self._one)}
+        return read_mapping(raw, readers, (), form, exactly=(DISCRETE,))[DISCRETE]
 
     def json_schema(self) -> Schema:
         """Return the JSON Schema of the value, with a simplified schema of its sweeps."""

@@ -2,6 +2,7 @@
 
 import csv
 import itertools
+import tracemalloc
 from collections.abc import Sequence
 
 import numpy as np
@@ -72,6 +73,21 @@ def test_same_bits_where_frames_take_the_places_of_others(tracking):
     field = sorted_field(layout.x, layout.y, np.full(2_500, 7.0), half, half, 150.0)
     parts = [field_series(field, tracking, sun, start, start + 500) for start in range(0, 2_500, 500)]
     np.testing.assert_array_equal(np.concatenate(parts, axis=2), field_series(field, tracking, sun, 0, 2_500))
+
+
+def test_memory_follows_the_images_and_not_the_candidates():
+    """Two low suns in opposite directions over sloping ground: every heliostat may shade every other one."""
+    x, y = (axis.ravel() for axis in np.meshgrid(15.0 * np.arange(40.0), 15.0 * np.arange(50.0)))
+    half = np.full(2000, 5.0)
+    field = sorted_field(x, y, 0.05 * x, half, half, 150.0)
+    tracemalloc.start()
+    try:
+        series = field_series(field, AZIMUTH_ELEVATION, directions(np.array([90.0, 270.0]), np.ones(2)), 0, 40)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert np.isfinite(series).all()
+    assert most < 50e6  # 2 GB with room for all candidates
 
 
 @METHODS

@@ -243,6 +243,7 @@ def _sweep(
     bundles = {size: beams(sun, np.append(first[:-1:size], first[-1])) for size in (1, _TOGETHER)}
     blockers = _candidates(field, tests, bundles[1][0], True, np.empty(2 * count, np.int64), begins)
     shaders, place, room, last = np.empty(2 * count, np.int64), np.empty(count, np.int64), 0, 0
+    images = 32  # maximum number of images that overlap; grows if necessary
     rank = (field.names[tests] - start) * (shape[0] * shape[1])
     for p, (begin, end) in enumerate(itertools.pairwise(first)):
         if p == last:  # list the candidates of several packets together
@@ -254,18 +255,28 @@ def _sweep(
             if most > room:
                 room = 2 * most
                 lines, frames = rows(IMAGES // ROW + 10 * room), rows((_KEPT + room + 2) * 7)
-                # each image may add 5 corners to a piece
-                polygons, pieces = rows(room), np.empty((room + 1) * 6 * (4 + CORNERS * (room + 2)) + 64)
-                marks = np.empty((room + 4, room), np.int64)
+                polygons, (marks, pieces) = rows(room), _room_for(images, room)
         here = np.arange(begin, end + (begin - end) % GROUP).clip(max=end - 1)  # the last instant is repeated
         lines[: 3 * ROW].reshape(3, ROW)[:, : len(here)] = sun[here].T
         lines[WEIGHT : WEIGHT + len(here)] = weight[here]
-        _sweep_packet(
-            bundles[1][p], len(here), field.mirrors.spheres, field.mirrors.mounts, field.tower, tracking, tests,
-            rank, shaders, ends, blockers, begins, lines, frames, place, marks, polygons, pieces,
-            lane[begin:end], when[begin:end], flat, width,
-        )  # fmt: skip
+        done = 0
+        while done < len(tests):
+            done = _sweep_packet(
+                done, bundles[1][p], len(here), field.mirrors.spheres, field.mirrors.mounts, field.tower, tracking,
+                tests, rank, shaders, ends, blockers, begins, lines, frames, place, marks, polygons, pieces,
+                lane[begin:end], when[begin:end], flat, width,
+            )  # fmt: skip
+            if done < len(tests):
+                images *= 2
+                marks, pieces = _room_for(images, room)
     return sums
+
+
+def _room_for(images: int, candidates: int) -> tuple[Integers, Floats]:
+    """Return the scratch arrays `marks` and `pieces` of `unions` for a number of images, out of `candidates`."""
+    # each image may add 5 corners to a piece
+    pieces = np.empty((images + 1) * 6 * (4 + CORNERS * (images + 2)) + 64)
+    return np.empty((images + 4, candidates), np.int64), pieces
 
 
 def _candidates(
@@ -297,13 +308,18 @@ def _list_candidates(spheres, mounts, cells, tests, bundle, blocking, names, beg
 
 @kernel
 def _sweep_packet(
-    bundle, lanes, spheres, mounts, tower, tracking, tests, rank, shaders, ends, blockers, begins, lines, frames,
+    done, bundle, lanes, spheres, mounts, tower, tracking, tests, rank, shaders, ends, blockers, begins, lines, frames,
     place, marks, polygons, pieces, lane, when, sums, width,
 ):  # fmt: skip
     """Add the weighted efficiencies of the test heliostats at the instants of a packet to `sums`.
 
+    Returns the number of finished test heliostats. It is less than n if the next one has more images than `marks` and
+    `pieces` have room for.
+
     Parameters
     ----------
+    done
+        Number of test heliostats that earlier calls for this packet have finished.
     bundle, lanes
         Sun directions of the packet, and number of lanes.
     spheres, mounts, tower, tracking
@@ -323,8 +339,8 @@ def _sweep_packet(
     sums : ndarray
         Weighted sums of the first `width` (4 or 7) quantities that `field_energies` returns.
     """
-    used = _KEPT * ROW
-    for t in range(tests.shape[0]):
+    used = _KEPT * ROW  # discards the frames of the previous packet
+    for t in range(done, tests.shape[0]):
         i = tests[t]
         if used > _KEPT * (ROW // lanes):
             for j in range(place.shape[0]):
@@ -346,6 +362,8 @@ def _sweep_packet(
             j = blockers[m]
             used = _have_frame(j, mounts, tracking, lines, frames, place, used, lanes)
             made += project(lines, marks, made, frames, place[j], place[i], TO_TARGET, spheres, i, j, lanes)
+        if made + 4 > marks.shape[0]:
+            return t
         unions(lines, marks, polygons, pieces, shading, made, lanes)
         row = place[i] + COSINE  # read outside the loop, because this load would prevent vectorisation
         for k in range(lanes):
@@ -359,6 +377,7 @@ def _sweep_packet(
             put(lines, RESULT + 5 * ROW, k, one * (cosine * shading_efficiency * blocking_efficiency))
             put(lines, RESULT + 6 * ROW, k, one * (cosine * get(lines, RESULT + 6 * ROW, k)))
         _add_to_sums(lines, lane, when, sums, rank[t], width)
+    return tests.shape[0]
 
 
 @inline
