@@ -137,8 +137,8 @@ def field_sums(field: SortedField, tracking: int, sun: Floats, start: int, stop:
     Raises
     ------
     ValueError
-        If start..stop is not within the field, if the tracking method is unknown, or if a sun vector above the horizon
-        is not finite.
+        If the range from `start` to `stop` is not within the field, if the tracking method is unknown, or if a sun
+        vector above the horizon is not finite.
     """
     sums = field_energies(field, tracking, sun, start, stop, np.ones(len(sun)), np.zeros(len(sun), np.int64), 1)
     return sums[:, 0, [0, 1, 2, 3, 5]], int(np.count_nonzero(sun[:, 2] > 0.0))
@@ -192,7 +192,7 @@ def field_series(field: SortedField, tracking: int, sun: Floats, start: int, sto
     Returns
     -------
     ndarray, shape (4, T, stop - start)
-        Cosine, shading, blocking and optical efficiency; NaN if the sun is at or below the horizon. [1]
+        Cosine, shading, blocking and optical efficiencies; NaN if the sun is at or below the horizon. [1]
     """
     series = _sweep(field, tracking, sun, start, stop, np.ones(len(sun)), np.arange(len(sun)), (len(sun), 4))
     series[:, ~(sun[:, 2] > 0.0)] = np.nan
@@ -243,7 +243,7 @@ def _sweep(
     bundles = {size: beams(sun, np.append(first[:-1:size], first[-1])) for size in (1, _TOGETHER)}
     blockers = _candidates(field, tests, bundles[1][0], True, np.empty(2 * count, np.int64), begins)
     shaders, place, room, last = np.empty(2 * count, np.int64), np.empty(count, np.int64), 0, 0
-    images = 32  # maximum number of images that overlap; grows if necessary
+    images = 32  # maximum number of images on a mirror; doubled if necessary
     rank = (field.names[tests] - start) * (shape[0] * shape[1])
     for p, (begin, end) in enumerate(itertools.pairwise(first)):
         if p == last:  # list the candidates of several packets together
@@ -273,8 +273,8 @@ def _sweep(
 
 
 def _room_for(images: int, candidates: int) -> tuple[Integers, Floats]:
-    """Return the scratch arrays `marks` and `pieces` of `unions` for a number of images, out of `candidates`."""
-    # each image may add 5 corners to a piece
+    """Return the scratch arrays `marks` and `pieces` of `unions` for up to `images` images."""
+    # each image may add up to 5 corners to a piece
     pieces = np.empty((images + 1) * 6 * (4 + CORNERS * (images + 2)) + 64)
     return np.empty((images + 4, candidates), np.int64), pieces
 
@@ -313,13 +313,13 @@ def _sweep_packet(
 ):  # fmt: skip
     """Add the weighted efficiencies of the test heliostats at the instants of a packet to `sums`.
 
-    Returns the number of finished test heliostats. It is less than n if the next one has more images than `marks` and
-    `pieces` have room for.
+    Returns the number of finished test heliostats. This number is less than n if the images of the next test heliostat
+    do not fit in `marks` and `pieces`.
 
     Parameters
     ----------
     done
-        Number of test heliostats that earlier calls for this packet have finished.
+        Number of test heliostats that earlier calls finished for this packet.
     bundle, lanes
         Sun directions of the packet, and number of lanes.
     spheres, mounts, tower, tracking
@@ -339,7 +339,7 @@ def _sweep_packet(
     sums : ndarray
         Weighted sums of the first `width` (4 or 7) quantities that `field_energies` returns.
     """
-    used = _KEPT * ROW  # discards the frames of the previous packet
+    used = _KEPT * ROW  # discard the frames of the previous packet
     for t in range(done, tests.shape[0]):
         i = tests[t]
         if used > _KEPT * (ROW // lanes):

@@ -86,7 +86,7 @@ def along(p: Four, t: Four, d: Four) -> Four:
 
 @inline
 def less(a: Four, b: Four) -> Four:
-    """Return the differences a - b."""
+    """Return a - b for four pairs of numbers."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
 
 
@@ -136,7 +136,7 @@ def cut(
 
     The polygon begins at `at` in `polygons` and has `corners` corners. The left part is written at `inside` and the
     right part at `outside`. Neither part may overlap the polygon in the array. Returns the number of corners of each
-    part. A part without interior may have corners on the line; its area is 0.
+    part. A degenerate part may have corners on the line; its area is 0.
     """
     left = right = 0
     qx, qy = polygons[at + 2 * corners - 2], polygons[at + 2 * corners - 1]
@@ -208,8 +208,8 @@ def leave_open(
     inside all edges is discarded. Pieces never overlap, so no
     inclusion-exclusion is needed.
 
-    `polygons` has storage for `CORNERS` corners per polygon, and row `_SIZES` of `marks` contains the number of corners
-    of each polygon. The piece of `size` corners begins at `piece` in `pieces`, and scratch space begins at `top`.
+    `polygons` holds up to `CORNERS` corners per polygon, and row `_SIZES` of `marks` contains the number of corners of
+    each polygon. The piece of `size` corners begins at `piece` in `pieces`, and scratch space begins at `top`.
     """
     crossed = -1
     while crossed < 0:  # skip polygons that do not overlap the piece
@@ -455,8 +455,8 @@ def unions(
 
     The first `shading` of `count` images are shadows; the others are blocked parts. The shaded area, the blocked area,
     and the area that is shaded or blocked are written to the rows `TOTAL` of `lines`. `lanes` is a multiple of
-    `vectors.GROUP`. `polygons` has storage for `CORNERS` corners of each image. `pieces` has storage for the pieces of
-    the square outside the images.
+    `vectors.GROUP`. `polygons` is scratch space for up to `CORNERS` corners of each image, and `pieces` for the pieces
+    of the square outside the images.
 
     Rounding errors are about 1e-14. Within 1 mrad of grazing incidence, rounding errors increase to 2e-12 if images are
     1000 times as large as the mirror.
