@@ -425,7 +425,7 @@ def flux_limited_aims(
     seed : int
         Random seed for the images. The flux for the chosen aim points is traced with the next seed and 16 times as many
         rays. If a cell then exceeds its limit by more than 0.5 %, the limits of overloaded cells are reduced and aim
-        points are chosen again.
+        points are chosen again, up to five times. The best choice is kept.
     gap : float
         As in `choose_aims`.
     memory : float
