@@ -304,7 +304,7 @@ def test_three_surfaces_against_an_independent_ray_trace(field, tmp_path):
     }
     study = field(blocks, slope_map=name, slope_error=None, rays=2**18)
     result = api.build(study).compute()
-    assert result.attrs["slope_maps"].startswith("3 heliostats have a map of ")
+    assert result.attrs["slope_maps"].startswith("3 heliostats have a map in ")
     azimuth, elevation = np.radians((150.0, 50.0))
     sun = np.array([np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
     found, errors = (result[f"intercept_efficiency{end}"].to_numpy().ravel() for end in ("", "_error"))
@@ -326,17 +326,17 @@ def test_heliostats_without_a_map_have_the_slope_error(field, tmp_path):
     name = maps(tmp_path / "some.nc", 3 * SHAPES[1:2], name=["b2"])
     study = field(slope_map=name, slope_error=2)
     (note,) = study.notes()
-    assert note.startswith("1 heliostats have a map of")
-    assert note.endswith("2 have the slope error of the study")
+    assert note.startswith("1 heliostats have a map in")
+    assert note.endswith("2 use the slope error of the study")
     found, plain = intercept(study), intercept(field(slope_error=2))
     np.testing.assert_allclose(found[:, [0, 2]], plain[:, [0, 2]], atol=2e-3)
     assert np.all(np.abs(found[:, 1] - plain[:, 1]) > 0.01)
     column = field(columns=",slope_error", rows=[(2,), (9,), (2,)], slope_map=name, slope_error=None)
     np.testing.assert_allclose(intercept(column), found, atol=2e-3)
-    with pytest.raises(StudyError, match="has no map for 2 heliostats: give 'slope_error' for these"):
+    with pytest.raises(StudyError, match="has no map for 2 heliostats: set 'slope_error' for them"):
         api.plan(field(slope_map=name, slope_error=None))
     other = maps(tmp_path / "other.nc", SHAPES[:1], name=["Z9"])
-    with pytest.raises(StudyError, match=r"has no map for a heliostat of .* by name, id or .*: its maps are for Z9"):
+    with pytest.raises(StudyError, match=r"has no map that matches a heliostat of .* by name, id or .*: its maps are for Z9"):
         api.plan(field(slope_map=other, slope_error=1))
 
 

@@ -1,4 +1,4 @@
-"""Checks that the optics agree with the input files and with the positions and sizes of the mirrors."""
+"""Check the optics of a study against its input files and mirrors."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from heliosweep.layouts.resolve import SIZE_COLUMNS, Layouts, longest
 if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import FieldEfficiencyStudy
 
-#: Names of the polynomial attenuation models, and maximum slant range of these models [m].
+#: Polynomial attenuation models, and the maximum slant range of these models [m].
 POLYNOMIALS, FARTHEST = ("delsol_clear", "delsol_hazy", "ballestrin_clear", "ballestrin_hazy"), 3000.0
 
 
 def light_faults(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that light reaches the receiver, and that the optics agree with the input files and the mirrors."""
+    """Check that light reaches the receiver and that the optics match the input files and the mirrors."""
     warned: set[str] = set()
     if study.optics is None:
         return
@@ -38,7 +38,7 @@ def light_faults(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
             if isinstance(found, Problem):
                 yield found
                 return
-            if (kind := found.split(" ", 1)[1]) not in warned:  # warnings that differ only in a number appear once
+            if (kind := found.split(" ", 1)[1]) not in warned:  # repeat no warning that differs only in a number
                 warned.add(kind)
                 yield found
     yield from _facets(study)
@@ -49,19 +49,19 @@ def light_faults(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
 def _rays(study: Any) -> Iterator[Problem | str]:
     """Check the number of rays and the compute device, and warn if the obsolete key `optics.method` is set."""
     if study.optics.method is not None:
-        yield "optics.method is no longer used, because light is traced by rays: remove it"
+        yield "optics.method is no longer used, because all light is traced with rays: remove it"
     if study.execution.device == "cuda" and (problem := device_problem()):
         yield study.problem("execution.device", problem)
     instants, points = instant_count(study.time), math.prod(map(len, study.dimensions()))
     total = usual_rays(study, longest(study), instants) * longest(study) * instants * points
     if total > MOST_RAYS:
         key, remedy = ("precision", "increase it") if study.optics.rays is None else ("rays", "lower it")
-        message = f"gives {total:.2g} rays in total, {total / RAYS_PER_SECOND / 3600:,.0f} h on one core; at most "
+        message = f"requires {total:.2g} rays, {total / RAYS_PER_SECOND / 3600:,.0f} h on one core; the maximum is "
         yield study.problem(f"optics.{key}", f"{message}{MOST_RAYS:.0e}: {remedy}, or compute fewer points")
 
 
 def _receiver(study: Any, layout: Layout, values: Mapping[str, Any]) -> Iterator[Problem | str]:
-    """Check that the mirrors are outside the receiver, in front of the receiver, and within range."""
+    """Check that mirrors are outside the receiver, in front of its face, and within the attenuation range."""
     receiver = study.receiver
     level = np.hypot(layout.x, layout.y)
     radius = max(ends(receiver.radius)) if receiver.radius is not None else 0.0
@@ -71,13 +71,13 @@ def _receiver(study: Any, layout: Layout, values: Mapping[str, Any]) -> Iterator
             yield study.problem("layout", f"{first} is at the centre of the tower; move or remove it")
         else:
             message = (
-                f"must be less than the distance of the mirrors from the tower: {inside.size:,} are "
-                "within the receiver, first "
+                "must be less than the distance of each mirror from the tower; mirrors inside the receiver: "
+                f"{inside.size:,}, first "
             )
             yield study.problem("receiver.radius", f"{message}{first}; move or remove them")
     lowest = min(ends(receiver.height)) - max(ends(receiver.height_extent)) / 2
     if lowest < min(0.0, layout.z.min(initial=0.0)) and not np.any(np.asarray(ends(receiver.tilt or 0.0))):
-        message = f"is too low: the receiver reaches {-lowest:g} m below the foot of the tower; raise it, or lower "
+        message = f"is too low: the receiver extends {-lowest:g} m below the base of the tower; raise it, or reduce "
         yield study.problem("receiver.height", f"{message}receiver.height_extent")
     down = values["receiver.height"] - layout.z - layout.values("pivot_height", values.get("heliostat.pivot_height"))
     far = np.hypot(level, down)
@@ -90,7 +90,7 @@ def _receiver(study: Any, layout: Layout, values: Mapping[str, Any]) -> Iterator
 
 
 def _face(study: Any, layout: Layout, values: Mapping[str, Any], down: Any) -> Iterator[Problem | str]:
-    """Check that no mirrors are in the face of a flat receiver, and warn about mirrors behind it."""
+    """Check that no mirror intersects the face of a flat receiver, and warn about mirrors behind the face."""
     receiver = study.receiver
     face = {key: values.get(f"receiver.{key}", getattr(receiver, key)) for key in ("azimuth", "tilt", "width")}
     if face["width"] is None or any(isinstance(value, Sweep) for value in face.values()):
@@ -105,12 +105,10 @@ def _face(study: Any, layout: Layout, values: Mapping[str, Any], down: Any) -> I
     axes = (made.across, made.half_width), (made.upward, made.half_height)
     beside = [np.maximum(0.0, np.abs(off @ axis) - half) for axis, half in axes]
     if (among := np.flatnonzero(np.hypot(np.hypot(*beside), before) <= reach)).size:
-        message = (
-            f"is among the mirrors: {among.size:,} are in its face, first {layout.where(among[0])} of {layout.name}"
-        )
-        yield study.problem("receiver", f"{message}; raise it, or move them")
+        message = f"intersects mirrors: {among.size:,} in total, first {layout.where(among[0])} of {layout.name}"
+        yield study.problem("receiver", f"{message}; raise the receiver, or move the mirrors")
     if (behind := int(np.sum(before <= 0.0))) > 0:
-        yield f"light of {_heliostats(behind)} behind the receiver's face is lost"
+        yield f"light from {_heliostats(behind)} behind the receiver's face is lost"
 
 
 def _heliostats(count: int) -> str:
@@ -118,7 +116,7 @@ def _heliostats(count: int) -> str:
 
 
 def _errors(study: Any, layout: Layout) -> Iterator[Problem]:
-    """Check that a calibration has the mount kind of the study and contains all heliostats of the layout."""
+    """Check that a calibration is for the mount kind of the study and contains all heliostats of the layout."""
     errors = study.optics.mount_errors
     if errors is None or errors.calibration is None:
         return
@@ -131,7 +129,7 @@ def _errors(study: Any, layout: Layout) -> Iterator[Problem]:
 
 
 def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Check that each mirror is larger than the sum of the gaps between facets."""
+    """Check that each mirror is larger than the sum of the gaps between its facets."""
     facets = study.heliostat.facets
     for side, count in (("width", facets.columns), ("height", facets.rows)) if facets is not None else ():
         value = getattr(study.heliostat, side)
@@ -141,7 +139,7 @@ def _facets(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 
 def _files(study: Any) -> Iterator[Problem | str]:
-    """Check the measured sun shape, the sizes of slope maps, and the dates that monthly cleanliness needs."""
+    """Check the measured sun shape, the size of each slope map, and the dates for monthly cleanliness."""
     profile = study.optics.sun_shape.file
     if profile is not None and (note := read_profile(study.resolve(profile), profile).note(profile)):
         yield note
@@ -149,7 +147,7 @@ def _files(study: Any) -> Iterator[Problem | str]:
         isinstance(study.time, SolarTime) and study.time.declination is not None
     )
     if study.optics.cleanliness_by_month is not None and undated:
-        message = "needs dates: give 'time' with days or dates, or 'cleanliness'"
+        message = "needs dates: use 'time' with days or dates, or replace the key by 'cleanliness'"
         yield study.problem("optics.cleanliness_by_month", message)
     for name in study.files().get("optics.slope_map", ()):
         found = read_slopes(study.resolve(name), name)
@@ -160,7 +158,7 @@ def _files(study: Any) -> Iterator[Problem | str]:
             )
         sides = [ends(getattr(study.heliostat, side)) for side in ("width", "height")]
         if None in (sides[0][0], sides[1][0]):
-            message = "needs mirrors of one size: give heliostat.width and height in the study, not in the layout"
+            message = "needs mirrors of one size: set heliostat.width and height in the study, not in the layout"
             yield study.problem("optics.slope_map", message)
             return
         facets = study.heliostat.facets
@@ -178,8 +176,8 @@ def _files(study: Any) -> Iterator[Problem | str]:
 def mapped(study: Any, layout: Layout) -> Iterator[Problem | str]:
     """Check the slope maps for a layout, and report the number of heliostats with a map.
 
-    If the study has no slope error, all heliostats must have a map. Otherwise, heliostats without a map use the slope
-    error.
+    If the study has no slope error, each heliostat must have a map. Otherwise, the slope error applies to heliostats
+    without a map.
     """
     key, errors = "optics.slope_map", (study.optics.slope_error, study.optics.slope_error_horizontal)
     for name in study.files().get(key, ()):
@@ -194,15 +192,15 @@ def mapped(study: Any, layout: Layout) -> Iterator[Problem | str]:
             given = errors != (None, None) or "slope_error" in layout.columns
             if not of_map:
                 first = f"{layout.name or 'the layout'} by name, id or number: its maps are for {few_of(found.names)}"
-                yield study.problem(key, f"{name} has no map for a heliostat of {first}")
+                yield study.problem(key, f"{name} has no map that matches a heliostat of {first}")
             elif others and not given:
-                yield study.problem(key, f"{name} has no map for {others:,} heliostats: give 'slope_error' for these")
+                yield study.problem(key, f"{name} has no map for {others:,} heliostats: set 'slope_error' for them")
             else:
-                yield f"{of_map:,} heliostats have a map of {name}, {others:,} have the slope error of the study"
+                yield f"{of_map:,} heliostats have a map in {name}, {others:,} use the slope error of the study"
 
 
 def aim_faults(study: Any) -> Iterator[Problem | str]:
-    """Check that aim points and levels fit on the receiver, up to the first point with a problem or a warning."""
+    """Check that aim points and levels fit on the receiver. Stop at the first point with a problem or warning."""
     if study.aim is None or study.aim.strategy == "centre":
         return
     keys, inputs = (*KEYS, "heliostat.pivot_height", *(f"heliostat.{side}" for side in SIZE_COLUMNS)), Inputs(study)
@@ -228,7 +226,7 @@ def _aims_of(way: Way, mirrors: Geometry) -> Iterator[Problem | str]:
         if all(key in layout.columns and layout.columns[key].dtype.kind in "if" for key in COLUMNS):
             yield from _off(way, centre)
         else:
-            message = f"needs columns {', '.join(COLUMNS)} of numbers in the layout {layout.name}, in m"
+            message = f"needs the numeric columns {', '.join(COLUMNS)} in the layout {layout.name}, in m"
             yield study.problem("aim.strategy", message)
     elif aim.strategy == "flux_limit":
         points = aim_grid(receiver, centre, aim.rows, aim.columns, np.radians(aim.azimuth_span))
@@ -244,7 +242,7 @@ def _aims_of(way: Way, mirrors: Geometry) -> Iterator[Problem | str]:
             yield study.problem("aim.levels" if aim.levels is not None else "aim", message)
         else:
             spots = f"the spots of {without:,} of {len(layout):,} heliostats"
-            yield f"{spots} are at least as high as the receiver: these heliostats aim at its middle"
+            yield f"{spots} are at least as high as the receiver: these heliostats aim at its centre"
 
 
 def _off(way: Way, centre: Any) -> Iterator[Problem]:

@@ -21,11 +21,11 @@ from heliosweep.lazy import xr
 MAX_POINTS = 1_000_000
 #: Maximum absolute slope in a slope map. [mrad]
 MOST_SLOPE = 100.0
-#: Layout columns with angles by which the normals of the heliostats are rotated. [mrad]
+#: Layout columns with the rotation angles of the heliostat normals. [mrad]
 TURN_COLUMNS = ("error_u", "error_v")
 _MAP = {
-    **{axis: Column(f"position {way} of the centre, in m", required=True, least=-100, most=100,
-                    bounds="between -100 and 100 m") for axis, way in (("x", "to the right"), ("y", "upwards"))},
+    **{axis: Column(f"position {way} the centre, in m", required=True, least=-100, most=100,
+                    bounds="between -100 and 100 m") for axis, way in (("x", "to the right of"), ("y", "above"))},
     **{f"slope_{axis}": Column(f"tilt of the normal {way}, in mrad", required=True, least=-MOST_SLOPE, most=MOST_SLOPE,
                                bounds=f"between {-MOST_SLOPE:g} and {MOST_SLOPE:g} mrad")
        for axis, way in (("x", "to the right"), ("y", "upwards"))},
@@ -39,9 +39,9 @@ class SlopeMap(NamedTuple):
     x: Floats
     #: Positions above the centre, in ascending order. [m]
     y: Floats
-    #: Slope of the normal to the right and upwards, shape (map, y, x, 2); NaN in holes and outside the facet. [rad]
+    #: Tilts of the normal to the right and upwards, shape (map, y, x, 2); NaN in holes and outside the facet. [rad]
     slope: Floats
-    #: Name or number of the heliostat for each map; empty if one map applies to all heliostats.
+    #: Heliostat name or number for each map; empty if one map applies to all heliostats.
     names: tuple[str, ...] = ()
     #: True if slopes are relative to the plane of the mirror and therefore include focus and canting.
     plane: bool = False
@@ -53,7 +53,7 @@ class SlopeMap(NamedTuple):
 
     @property
     def covered(self) -> float:
-        """Fraction of grid positions with a known slope; minimum over all maps. [1]"""
+        """Minimum over all maps of the fraction of grid positions with a known slope. [1]"""
         return float(self.known.mean(axis=(1, 2)).min())
 
     def numbers(self, layout: Layout) -> NDArray[np.int64]:
@@ -102,7 +102,7 @@ def _slopes_of_table(path: Path, name: str) -> SlopeMap:
     times = np.bincount(row * len(columns) + column)
     if (times > 1).any():
         raise StudyError(
-            Problem(f"gives {int((times > 1).sum()):,} positions twice; list each position once", file=name)
+            Problem(f"contains duplicate positions ({int((times > 1).sum()):,}); list each position once", file=name)
         )
     slope = np.full((len(rows), len(columns), 2), np.nan)
     slope[row, column] = 1e-3 * np.stack(leans, axis=-1)
@@ -130,13 +130,13 @@ def _checked(found: SlopeMap, name: str) -> SlopeMap:
         y, x = (inside, slice(None)) if axis == 0 else (slice(None), inside)
         found = found._replace(x=found.x[x], y=found.y[y], slope=found.slope[:, y, x])
     if found.covered < 0.5:
-        message = f"lacks {100 * (1 - found.covered):.0f} % of the slopes; at most 50 % may be holes"
+        message = f"lacks {100 * (1 - found.covered):.0f} % of the slopes; at most 50 % may be missing"
         raise StudyError(Problem(message, file=name))
     return found
 
 
 def _slopes_of_dataset(result: xr.Dataset, name: str) -> SlopeMap:
-    """Return the slope maps in a data set with dimensions (z, y) or (y, x), and optionally `heliostat`.
+    """Return the slope maps in a dataset with dimensions (z, y) or (y, x), and optionally `heliostat`.
 
     Raises StudyError.
     """
@@ -164,8 +164,8 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
     Parameters
     ----------
     path : path
-        PAINT deflectometry file with groups ``facet1``, ... that contain `surface_points` and `surface_normals`, or
-        OpenCSP SOFAST file of one facet or a facet ensemble (group ``DataSofastCalculation``).
+        PAINT deflectometry file (groups ``facet1``, ``facet2``, ... with `surface_points` and `surface_normals`), or
+        OpenCSP SOFAST file for one facet or a facet ensemble (group ``DataSofastCalculation``).
     step : float
         Side length of a map cell. [m]
     name : str
@@ -174,9 +174,9 @@ def read_slope_map(path: str | os.PathLike[str], *, step: float = 0.05, name: st
     Returns
     -------
     xarray.Dataset
-        Slopes in the form returned by `grid_slopes`, with all facets on one map. Maps from PAINT have the dimension
-        ``heliostat`` of length 1, labelled with the part of the file name before the first hyphen. To use several
-        maps in `optics.slope_map`, join them with ``xarray.concat(maps, "heliostat")`` and save them with
+        Slopes as returned by `grid_slopes`, with all facets in one map. Maps from PAINT files have a dimension
+        ``heliostat`` of length 1. Its label is the part of the file name before the first hyphen. To use several maps
+        in `optics.slope_map`, join them with ``xarray.concat(maps, "heliostat")`` and save the result with
         ``to_netcdf``.
 
     Raises
@@ -291,7 +291,7 @@ def _result(path: Path, name: str) -> xr.Dataset:
     try:
         if is_netcdf(path):
             return open_result(path)
-        message = "is not a result: give a file result.nc"
+        message = "is not a result: give a result.nc file"
     except OSError as error:
         message = f"cannot be read: {error.strerror or error}"
     raise StudyError(Problem(message, file=name))

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 #: Minimum and maximum allowed elevation of a horizon. [deg]
 LOWEST, HIGHEST = -30.0, 60.0
-#: Columns of a horizon table, including the titles used in PVGIS files.
+#: Columns of a horizon table, including the column titles of PVGIS files.
 _HORIZON = {
     "azimuth": Column("azimuth, clockwise from north, in deg", True, -360, 360, "between -360 and 360 deg",
                       names=("a", "azimut")),
@@ -59,7 +59,7 @@ _HORIZON = {
 #: Stages at which incident energy is lost, in order along the light path.
 STAGES = ("horizon", "stow", "cosine", "tower", "shading", "blocking", "reflection", "attenuation", "spillage",
           "availability")  # fmt: skip
-#: Annual energies for which exceedance values are computed, and the probability of each exceedance value.
+#: Annual energies with exceedance values, and the probability of each exceedance value.
 _EXCEEDED, _PROBABILITIES = ("field_receiver_energy", "field_heat"), {"p50": 0.5, "p90": 0.9}
 
 
@@ -73,19 +73,19 @@ class Tower(Block):
     top: Annotated[
         float | Sweep | None,
         Quantity("Height of the top of the tower (default: the lower end of the receiver, or 'receiver.height' for "
-                 "a receiver without size)", "m", gt=0, le=1000, dimension="tower_top", title=("height of the "
+                 "a receiver without a size)", "m", gt=0, le=1000, dimension="tower_top", title=("height of the "
                                                                                               "tower's top")),
     ] = None  # fmt: skip
 
 
 class Horizon(Block):
-    """Horizon of the site, interpolated linearly between azimuths. The sun is treated as set below the horizon."""
+    """Horizon of the site, interpolated linearly between azimuths. A sun below this line is treated as set."""
 
     ONE_OF: ClassVar = ("table", "file")
 
     table: Annotated[
         tuple[tuple[float, ...], ...] | None,
-        ListOfNumbers("Azimuth (clockwise from north) and elevation of points of the horizon", "deg",
+        ListOfNumbers("Azimuth (clockwise from north) and elevation of each point on the horizon", "deg",
                       ("azimuth", "elevation"), ge=-360, le=360),
     ] = None  # fmt: skip
     file: Annotated[
@@ -123,13 +123,13 @@ class FieldSite(Site):
 
 
 def _wrong_rows(table: Floats) -> Iterator[tuple[int, str]]:
-    """Yield horizon rows with an elevation that is out of range or contradicts a row with the same azimuth."""
+    """Yield the index of each invalid horizon row with a message."""
     seen: dict[float, float] = {}
     for row, (azimuth, elevation) in enumerate(table.tolist()):
         if not LOWEST <= elevation <= HIGHEST:
             yield row, f"must have an elevation between {LOWEST:g} and {HIGHEST:g} deg"
         if seen.setdefault(azimuth % 360.0, elevation) != elevation:
-            yield row, f"gives another elevation at the azimuth {azimuth:g} deg; give one"
+            yield row, f"is a second elevation for the azimuth {azimuth:g} deg; keep one"
 
 
 @read_once(4)
@@ -162,7 +162,7 @@ def causes(study: Any) -> tuple[str, ...]:
 
 
 def years_of(study: Any) -> str | None:
-    """Return the dimension that contains several weather years of one site, or None."""
+    """Return the name of the dimension over the weather years of one site, or None."""
     for dim in study.dimensions() if study.weather is not None and study.sites is None else ():
         if [*dim.sweeps] == ["weather.file"] and len(dim) >= 3:
             return str(dim.name)
@@ -170,7 +170,7 @@ def years_of(study: Any) -> str | None:
 
 
 def year_variables(study: Any, found: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Return the variables that describe a study's energies over several weather years."""
+    """Return the variables for the P50 and P90 energies of a study with several weather years."""
     dim, made = years_of(study), dict[str, Variable]()
     for name in _EXCEEDED if dim else ():
         for label, part in _PROBABILITIES.items() if name in found else ():
@@ -183,7 +183,7 @@ def year_variables(study: Any, found: Mapping[str, Variable]) -> dict[str, Varia
 
 
 def over_years(study: Any, dims: Sequence[str], values: Mapping[str, Any]) -> dict[str, Floats]:
-    """Return the values of `year_variables`, computed from energies over the swept dimensions."""
+    """Return the values of `year_variables`, computed from the energies of each weather year."""
     dim = years_of(study)
     return {
         f"{name}_{label}": exceedance(np.moveaxis(np.asarray(values[name]), [*dims].index(dim), -1), part)
@@ -228,8 +228,8 @@ def check_tower(study: FieldEfficiencyStudy) -> Iterator[Problem]:
             yield study.problem("tower.top", f"covers the receiver: must be at most {bottom:g} m (got {top:g})")
         if (within := np.flatnonzero(np.hypot(layout.x, layout.y) <= radius)).size:
             message = (
-                f"must be less than the distance of the mirrors from the tower: {within.size:,} are "
-                "within the tower, first "
+                "must be less than the distance of each mirror from the tower; mirrors inside the tower: "
+                f"{within.size:,}, first "
             )
             first = f"{layout.where(within[0])} of {layout.name}"
             yield study.problem("tower.radius", f"{message}{first}; move or remove them")
@@ -254,7 +254,7 @@ def read_outages(path: Path, name: str, zone: str) -> Outages:
     time = partial(Column, required=True, read=moment, dtype="datetime64[s]", missing=np.datetime64("NaT"))
     columns = {
         "heliostat": Column("name, id or number of the heliostat", True, read=str, dtype=object, missing=""),
-        "from": time("begin of the outage", names=("begin", "start")),
+        "from": time("start of the outage", names=("begin", "start")),
         "to": time("end of the outage", names=("end", "stop", "until")),
     }
     table = read_table(path, name, columns, rows="outages", most_rows=1_000_000)
@@ -285,7 +285,7 @@ def _zone(study: FieldEfficiencyStudy) -> str | None:
 
 
 class Available(NamedTuple):
-    """Availability of the heliostats of a layout at a point of the result."""
+    """Availability of a layout's heliostats at a result point."""
 
     #: Fraction of time during which each heliostat operates. [1]
     fraction: Floats
@@ -296,7 +296,7 @@ class Available(NamedTuple):
 
     @classmethod
     def at(cls, point: Point, layout: Layout) -> Available | None:
-        """Return the availability of a layout's heliostats at a point of the result; None without `availability`."""
+        """Return the availability of a layout's heliostats; None if the study has no `availability` block."""
         if point.study.availability is None:
             return None
         outages = outages_of(point.study)
@@ -306,7 +306,7 @@ class Available(NamedTuple):
         return cls(fraction, of_rows, point.all_instants.labels["utc"].values)
 
     def apply(self, field: Any, hours: Hours, values: Values, start: int, stop: int) -> Values:
-        """Apply the availability to the energies of heliostats `start` to `stop` - 1. `field` has no outages."""
+        """Reduce the energies of heliostats `start` to `stop` - 1 to their availability. `field` ignores outages."""
         months, length = values["heliostat_monthly_receiver_energy"], hours.length
         part = np.broadcast_to(self.fraction[start:stop], months.shape).copy()
         begin = self.utc - (1.8e12 * length).astype("timedelta64[ns]")
@@ -332,22 +332,22 @@ def check_availability(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
     if study.availability is None:
         return
     if study.weather is None:
-        yield study.problem("availability", "applies to energies of a year: add 'weather', or remove this block")
+        yield study.problem("availability", "applies to annual energies: add 'weather', or remove this block")
         return
     if study.availability.outages is not None and _zone(study) is None:
-        yield study.problem("availability.outages", "needs a single 'site' with a 'timezone' for the times")
+        yield study.problem("availability.outages", "needs a single 'site' with a 'timezone' for the outage times")
         return
     outages = outages_of(study)
     for layout, _ in Layouts(study).some():
         if not outages and study.availability.fraction is None and "availability" not in layout.columns:
             yield study.problem(
-                "availability", "has no value: give 'fraction', 'outages', or the column 'availability' of the layout"
+                "availability", "has no value: give 'fraction', 'outages', or a layout column 'availability'"
             )
             return
         labels = sorted(outages)
         missing = np.setdiff1d(np.arange(len(labels)), layout.matches(labels))
         if unknown := [labels[at] for at in missing.tolist()]:
-            message = f"names heliostats that {layout.name} lacks: {few_of(unknown)}"
+            message = f"lists heliostats that are not in {layout.name}: {few_of(unknown)}"
             yield study.problem("availability.outages", message)
             return
 
@@ -358,9 +358,9 @@ ALLOWED = (*(key for key in KEYS if not key.endswith((".seed", ".rays", ".precis
 
 
 def causes_of(study: FieldEfficiencyStudy) -> dict[str, dict[str, Any]]:
-    """Return the causes in an error budget, with the undisturbed values of their keys in the units of the study file.
+    """Return the causes in an error budget, with undisturbed values of their keys in the units of the study file.
 
-    The value of a key that refers to a file is None. Raises Invalid if a value is not valid.
+    The value of a key that refers to a file is None. Raises Invalid for an invalid value.
     """
     declared = {key: parameter for key, parameter, _ in study.parameters()}
     causes = {
@@ -368,14 +368,14 @@ def causes_of(study: FieldEfficiencyStudy) -> dict[str, dict[str, Any]]:
                 for key, raw in values.items()}
         for cause, values in (study.budget or {}).items()
     }  # fmt: skip
-    for values in causes.values():  # a mirror whose map is removed has no slope error
+    for values in causes.values():  # a mirror without its slope map has no slope error
         if "optics.slope_map" in values and study.optics is not None and study.optics.slope_error is None:
             values.setdefault("optics.slope_error", 0.0)
     return causes
 
 
 def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
-    """Yield the problems found in a budget: unknown keys, invalid values, and missing blocks."""
+    """Yield the problems in a budget: unknown keys, invalid values and missing blocks."""
     if study.budget is None:
         return
     if study.weather is None:
@@ -399,7 +399,7 @@ def budget_problems(study: FieldEfficiencyStudy) -> Iterator[Problem]:
 
 
 def _check_key(key: str, raw: Any, parameter: Parameter | None) -> str:
-    """Return the message about an invalid key of a cause, or about its undisturbed value; empty if both are valid."""
+    """Return a message if a key of a cause or its undisturbed value is invalid, otherwise an empty string."""
     if key not in ALLOWED:
         names = "tracking, availability.fraction, heliostat.focus, and keys of optics and receiver"
         return f"cannot be a key of a cause: use {names}"
@@ -414,12 +414,12 @@ def _check_key(key: str, raw: Any, parameter: Parameter | None) -> str:
 
 
 def budget_cases(study: FieldEfficiencyStudy) -> int:
-    """Return the number of additional energy computations that the error budget of one point needs."""
+    """Return the number of additional energy computations for the error budget of one point."""
     return 1 + 2 * len(study.budget) if study.budget else 0
 
 
 def budget_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
-    """Return the labels of the budget parts (causes and interaction) and the attributes of these labels."""
+    """Return the labels of the budget parts (causes and interaction), with their attributes."""
     causes = tuple(study.budget or ())
     words = {"long_name": "cause of an energy loss"}
     parts = (
