@@ -161,7 +161,7 @@ def test_mirrors_in_the_ground_and_ground_that_excludes_nothing_are_noticed(smal
     mirrors = {"receiver": {"height": 90}, "heliostat": {"width": 8, "height": 8, "pivot_height": 3}}
     assert list(small(**PLACE, layout={"file": "field.csv"}, **mirrors).notes()) == [
         "the mirrors of 2 heliostats reach into the ground when upright: the centre of heliostat 0 (line 2) is 3 m "
-        "high, half its mirror 4 m"
+        "high, half of its mirror height is 4 m"
     ]
     Path("field.csv").write_text("x,y,z\n0,60,4\n15,60,-3\n")  # z of the centres
     mirrors["heliostat"]["pivot_height"] = 0

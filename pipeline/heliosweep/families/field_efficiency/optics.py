@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Focus(Quantity):
-    """A focal length in m, or a keyword."""
+    """Focal length in m, or a keyword."""
 
     words: tuple[str, ...] = field(default=("flat", "slant", "layout"), kw_only=True)
 
@@ -65,7 +65,7 @@ class Focus(Quantity):
 
 
 class FacetGrid(Block):
-    """Facets of a mirror: a grid of equal facets in columns and rows."""
+    """Equal facets of a mirror, arranged in columns and rows."""
 
     columns: Annotated[
         int,
@@ -84,27 +84,30 @@ class FacetGrid(Block):
         str | Sweep,
         Choice(
             "Canting of the facets",
-            {"none": "all facets in one plane", "on_axis": "facets tilted for the slant range of each heliostat"},
+            {
+                "none": "all facets in one plane",
+                "on_axis": "facets tilted to focus at each heliostat's slant range",
+            },
             title="canting of the facets",
         ),
     ] = "none"
 
 
 class Heliostat(HeliostatBlock):
-    """Mirror of all heliostats: a rectangle in one piece or with facets. The focus is used only with 'optics'."""
+    """Mirror of each heliostat: a rectangle, in one piece or with facets. The key 'focus' requires 'optics'."""
 
     focus: Annotated[
         float | str | Sweep | None,
-        Focus("Focal length of the mirror, or of its facets; 'flat', 'slant' for the slant range of each heliostat, "
-              "or 'layout' for the columns focal_x, focal_y or focal_length of the layout (default: these columns "
-              "if present, otherwise flat)",
+        Focus("Focal length of the mirror or of its facets; 'flat', 'slant' for the slant range of each heliostat, or "
+              "'layout' for the layout columns focal_x and focal_y, or focal_length (default: these columns if "
+              "present, otherwise flat)",
               "m", gt=0, title="focal length of the mirror"),
     ] = None  # fmt: skip
     facets: Annotated[FacetGrid | None, Field(description="Facets of the mirror (default: one piece)")] = None
 
 
 class Receiver(ReceiverPoint):
-    """The receiver: the aim point of all heliostats and, with 'optics', the surface around this point."""
+    """Receiver: the aim point of all heliostats and, with 'optics', the surface around this point."""
 
     kind: Annotated[
         str | None,
@@ -122,7 +125,7 @@ class Receiver(ReceiverPoint):
     ] = None
     azimuth: Annotated[
         float | Sweep | None,
-        Quantity("Azimuth that a rectangle or cavity faces, clockwise from north; 0 faces a field in the north", "deg",
+        Quantity("Azimuth that a rectangle or cavity faces, clockwise from north; 0 for a field in the north", "deg",
                  ge=-360, le=360, dimension="receiver_azimuth", title="azimuth of the receiver's normal"),
     ] = None  # fmt: skip
     tilt: Annotated[
@@ -140,7 +143,7 @@ class Receiver(ReceiverPoint):
     ] = None
     height_extent: Annotated[
         float | Sweep | None,
-        Quantity("Height of the receiver's surface, along its face", "m", gt=0, title="height of the receiver itself"),
+        Quantity("Height of the receiver's surface, along its face", "m", gt=0, title="height of the receiver surface"),
     ] = None
     absorptance: Annotated[
         float | Sweep | None,
@@ -185,7 +188,7 @@ class SunShape(Block):
     ]
     circumsolar_ratio: Annotated[
         float | Sweep | None,
-        Quantity("Fraction of the light that comes from the aureole, for buie", "1", ge=0.001, le=0.8,
+        Quantity("Fraction of the light from the aureole, for buie", "1", ge=0.001, le=0.8,
                  title="circumsolar ratio"),
     ] = None  # fmt: skip
 
@@ -213,7 +216,7 @@ class PointingErrors(MountAngles):
 
     seed: Annotated[
         int | Sweep | None,
-        Quantity("Seed of the draws of all heliostats (default: 0)", "1", ge=0, le=MAX_SEED,
+        Quantity("Seed of the random draws for all heliostats (default: 0)", "1", ge=0, le=MAX_SEED,
                  integer=True, title="seed of the mount errors"),
     ] = None  # fmt: skip
     calibration: Annotated[
@@ -239,7 +242,7 @@ class PointingErrors(MountAngles):
 
 
 class Soiling(Block):
-    """Dirt that grows linearly between washings; mirrors are washed in turn."""
+    """Soiling that grows linearly between washings. Mirrors are washed in turn."""
 
     rate: Annotated[
         float | Sweep,
@@ -285,8 +288,8 @@ class Optics(Block):
     ] = None  # fmt: skip
     cleanliness: Annotated[
         float | Sweep | None,
-        Quantity("Fraction of the reflected light that dirt transmits (default: the column 'cleanliness' of the "
-                 "layout, otherwise 1)",
+        Quantity("Reflectivity of the soiled mirror divided by its clean reflectivity (default: the column "
+                 "'cleanliness' of the layout, otherwise 1)",
                  "1", ge=0, le=1, title="cleanliness"),
     ] = None  # fmt: skip
     cleanliness_by_month: Annotated[
@@ -294,7 +297,7 @@ class Optics(Block):
         Numbers("Cleanliness in each month, instead of 'cleanliness'", "1", MONTHS, ge=0, le=1),
     ] = None
     soiling: Annotated[
-        Soiling | None, Field(description="Soiling between washings; its mean is multiplied by 'cleanliness'")
+        Soiling | None, Field(description="Soiling between washings; one minus its mean is multiplied by 'cleanliness'")
     ] = None
     attenuation: Annotated[
         str | Sweep,
@@ -307,7 +310,7 @@ class Optics(Block):
                 "leary_hankins": "Leary and Hankins (1979), MIRVAL",
                 "ballestrin_clear": "Ballestrin and Marzo (2012), clear",
                 "ballestrin_hazy": "Ballestrin and Marzo (2012), hazy",
-                "vant_hull": "Vant-Hull, by visibility, water_vapour, altitude of the site and height of the receiver",
+                "vant_hull": "Vant-Hull, from visibility, water_vapour, altitude and receiver height",
             },
             title="attenuation in air",
         ),
@@ -329,30 +332,29 @@ class Optics(Block):
     slope_error: Annotated[
         float | Sweep | None,
         _error(
-            "Standard deviation of the mirror's normal, per axis; omit it to use the column 'slope_error' of the "
-            "layout",
+            "Standard deviation of the mirror's normal, per axis (if omitted: the column 'slope_error' of the layout)",
             "slope error",
         ),
     ] = None
     slope_error_horizontal: Annotated[
         float | Sweep | None,
-        _error("Standard deviation of the normal along the mirror's width only", "slope error along the width"),
+        _error("Standard deviation of the normal along the mirror's width", "slope error along the width"),
     ] = None
     slope_error_vertical: Annotated[
         float | Sweep | None,
-        _error("Standard deviation of the normal along the mirror's height only", "slope error along the height"),
+        _error("Standard deviation of the normal along the mirror's height", "slope error along the height"),
     ] = None
     slope_map: Annotated[
         str | Sweep | None,
         FileName("Measured slopes of a mirror or facet. One map for all heliostats: CSV table with x, y in m and "
-                 "slope_x, slope_y in mrad, backward_gazing result, or SOFAST HDF5 file. A map for each of several "
+                 "slope_x, slope_y in mrad, backward_gazing result, or SOFAST HDF5 file. Separate maps for "
                  "heliostats: NetCDF file with a dimension heliostat, or PAINT HDF5 file; the slope error applies "
                  "to heliostats without a map",
                  title="slope map"),
     ] = None  # fmt: skip
     specularity_error: Annotated[
         float | Sweep,
-        _error("Standard deviation of the reflected ray, per axis", "specularity error"),
+        _error("Standard deviation of the reflected ray's direction, per axis", "specularity error"),
     ] = 0.0
     tracking_error: Annotated[
         float | Sweep,
@@ -364,14 +366,14 @@ class Optics(Block):
     ] = None
     precision: Annotated[
         float | None,
-        Quantity("Relative standard error of the field's energy, which sets the number of rays; for bright cells of "
-                 "flux maps, the error is 40 times larger, relative to the peak (default: 1e-4, for draws 2e-3)",
+        Quantity("Relative standard error of the field's energy, which determines the number of rays; in bright cells "
+                 "of flux maps, the error relative to the peak is 40 times larger (default: 1e-4, for draws 2e-3)",
                  "1", ge=1e-6, le=0.1, sweep=False),
     ] = None  # fmt: skip
     rays: Annotated[
         int | None,
-        Quantity("Number of rays for each heliostat and instant, instead of 'precision'; rounded up to 16 or a "
-                 "power of two",
+        Quantity("Number of rays for each heliostat and instant, instead of 'precision'; rounded up to a "
+                 "power of two, at least 16",
                  "1", ge=1, le=2**22, integer=True, sweep=False, dimension="rays"),
     ] = None  # fmt: skip
     seed: Annotated[
@@ -382,8 +384,8 @@ class Optics(Block):
     method: Annotated[
         str | None,
         Choice(
-            "No longer used, because light is traced by rays",
-            {"accurate": "light is traced by rays", "gaussian": "light is traced by rays"},
+            "No longer used, because all light is traced with rays",
+            {"accurate": "light is traced with rays", "gaussian": "light is traced with rays"},
             sweep=False,
             dimension="intercept_method",
         ),
@@ -409,7 +411,7 @@ class Optics(Block):
         )  # fmt: skip
 
 
-#: Keys that affect the light or heat of the receiver, excluding mirror positions, mirror sizes and sun directions.
+#: Keys that affect the light on the receiver or its heat, excluding mirror positions, mirror sizes and sun directions.
 KEYS = (
     *("heliostat.focus", "heliostat.facets.canting", "receiver.azimuth", "receiver.tilt", "receiver.width"),
     *("receiver.radius", "receiver.height", "receiver.height_extent", "optics.sun_shape.kind"),
@@ -482,7 +484,7 @@ def flux_cells(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
 
 
 def cells_of(study: FieldEfficiencyStudy) -> tuple[int, int] | None:
-    """Return the numbers of rows and columns of receiver cells; None without flux limit and flux map."""
+    """Return the numbers of rows and columns of receiver cells; None without a flux limit or flux map."""
     if study.aim is not None and is_limited(study):
         return study.aim.flux_rows, study.aim.flux_columns
     return flux_cells(study)
@@ -516,7 +518,7 @@ def flux_labels(study: FieldEfficiencyStudy) -> dict[str, Any]:
     middle = "from the middle of the receiver"
     row = _label(places[0] - 0.5, receiver.height_extent, "height on the receiver", f"{middle}, along its height")
     if receiver.kind == "cylinder":
-        words = {"long_name": "azimuth on the receiver", "comment": "of its surface, clockwise from north"}
+        words = {"long_name": "azimuth on the receiver", "comment": "of the receiver's surface, clockwise from north"}
         column = 360.0 * places[1], {"units": "degree", **words}
     else:
         right = f"{middle}, to the right as seen from the mirrors"
@@ -546,11 +548,10 @@ class Aim(Block):
         Choice(
             "Aiming strategy",
             {
-                "centre": "all at the centre of the receiver; on a cylinder, at the point at mid-height that faces "
-                "the heliostat",
-                "spread": "at several levels of the receiver, assigned cyclically around the tower",
-                "layout": "at the points aim_x, aim_y, aim_z of the layout [m]",
-                "flux_limit": "on a grid of points, or stowed, to maximise the power under a flux limit",
+                "centre": "the centre of the receiver; on a cylinder, the point at mid-height that faces the heliostat",
+                "spread": "several levels of the receiver, assigned cyclically around the tower",
+                "layout": "the points aim_x, aim_y, aim_z of the layout [m]",
+                "flux_limit": "a point on a grid, or stow, to maximise the power under a flux limit",
             },
             sweep=False,
         ),
@@ -567,7 +568,7 @@ class Aim(Block):
     ] = None  # fmt: skip
     limits: Annotated[
         tuple[tuple[float, ...], ...] | None,
-        ListOfNumbers("Cell rows with individual limits, counted from 0 at the bottom, and these limits in kW/m2",
+        ListOfNumbers("Individual limits of cell rows: row number, counted from 0 at the bottom, and limit in kW/m2",
                       ("1", "kW/m2"), ("row", "limit"), ge=0),
     ] = None  # fmt: skip
     safety: Annotated[float, Quantity("Maximum flux as a fraction of the limit", "1", gt=0, le=1, sweep=False)] = 1.0
@@ -576,7 +577,7 @@ class Aim(Block):
     azimuth_span: Annotated[
         float,
         Quantity((
-            "Azimuth range of the columns on a cylinder, centred on the point nearest to the heliostat"
+            "Azimuth range of the aim points on a cylinder, centred on the point nearest to the heliostat"
         ), "deg", ge=0, le=170,
                  sweep=False),
     ] = 40.0  # fmt: skip
@@ -618,14 +619,14 @@ MOST_INSTANTS = 100
 
 
 def limit_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ...]:
-    """Return the rules for a flux limit. Each rule lists the condition for a fault, the key and the message."""
+    """Return the rules for a flux limit as tuples of fault condition, key and message."""
     instants, shown = instant_count(study.time), study.output.flux_map
     some = isinstance(study.time, SunDirections) or study.design_point or instants > MOST_INSTANTS
     return (
         (is_limited(study) and not varies(study) and not has_instant(study), "aim",
          "requires an instant at which the flux is limited: add 'design_point', or set 'at: instants'"),
         (varies(study) and some, "aim.at",
-         f"is for times at a site without 'design_point', at most {MOST_INSTANTS} (got {instants:,}): remove it"),
+         f"applies to at most {MOST_INSTANTS} instants at a site without 'design_point' (got {instants:,}): remove it"),
         (is_limited(study) and shown and flux_cells(study) != cells_of(study), "output.flux_map",
          f"must have the same cells as the flux limit, {' x '.join(map(str, cells_of(study) or ()))}: set "
          "'aim.flux_rows' and 'aim.flux_columns' to the rows and columns of the map"),
@@ -633,7 +634,7 @@ def limit_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], .
 
 
 def images(study: FieldEfficiencyStudy, heliostats: int, instants: int) -> tuple[float, int]:
-    """Return the number of rays per heliostat for images at all instants, and the memory for the images. [1, bytes]"""
+    """Return the number of rays per heliostat for the images at all instants, and the image memory. [1, bytes]"""
     if study.aim is None or not is_limited(study):
         return 0.0, 0
     aims, kind = study.aim.rows * study.aim.columns, rays.CYLINDER if study.receiver.kind == "cylinder" else 0

@@ -1,4 +1,4 @@
-"""Study file model of the `field_efficiency` family, and checks that involve several blocks, the layouts or the sun."""
+"""Study model of the `field_efficiency` family, with checks across blocks, layouts and the sun."""
 
 from __future__ import annotations
 
@@ -85,12 +85,12 @@ RESERVED = frozenset((
 BY = {
     "receiver_energy": "energy on the receiver; needs 'weather'",
     "energy_per_mirror_area": "energy on the receiver per mirror area; needs 'weather'",
-    "total_efficiency": "mean over the period of all factors from the sun to the receiver; needs 'optics'",
+    "total_efficiency": "mean over the period of the product of all factors; needs 'optics'",
     "optical_efficiency": "mean over the period of the product of cosine, shading and blocking",
-    "design_point_total_efficiency": "at the design point; needs 'optics' and 'design_point'",
-    "design_point_optical_efficiency": "at the design point; needs 'design_point'",
+    "design_point_total_efficiency": "total efficiency at the design point; needs 'optics' and 'design_point'",
+    "design_point_optical_efficiency": "optical efficiency at the design point; needs 'design_point'",
 }
-#: Study blocks that a ranking by each result requires.
+#: Study blocks required to rank heliostats by each result.
 _NEEDS: dict[str, tuple[str, ...]] = {
     "receiver_energy": ("weather",),
     "energy_per_mirror_area": ("weather",),
@@ -112,14 +112,14 @@ class Keep(Block):
     ] = None  # fmt: skip
     field_power: Annotated[
         float | Sweep | None,
-        Quantity("Required power of the field at the design point: keep the minimum number of best heliostats that "
-                 "reach it", "MW", gt=0,
+        Quantity("Required field power at the design point, reached with the minimum number of best heliostats",
+                 "MW", gt=0,
                  dimension="kept_power", title="required power at the design point"),
     ] = None  # fmt: skip
     heat_power: Annotated[
         float | Sweep | None,
-        Quantity("Required heat of the receiver at the design point: keep the minimum number of best heliostats "
-                 "that reach it", "MW", gt=0,
+        Quantity("Required receiver heat at the design point, reached with the minimum number of best heliostats",
+                 "MW", gt=0,
                  dimension="kept_heat", title="required heat at the design point"),
     ] = None  # fmt: skip
     by: Annotated[str | Sweep, Choice("Result by which heliostats are ranked, in descending order", BY,
@@ -132,7 +132,7 @@ def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
     if keep is None:
         return iter(())
     message = (
-        "ranks heliostats over a period at a site: run such a study first; 'heliosweep table DIR' then "
+        "needs a period at a site to rank heliostats: run such a study first; 'heliosweep table DIR' then "
         "uses the kept heliostats"
     )
     if isinstance(study.time, SunDirections):
@@ -157,7 +157,7 @@ class FieldOutput(Output):
 
     tracking_angles: Annotated[
         bool,
-        Flag("Also store the range and maximum rate of the two angles of each mount over the period"),
+        Flag("Also store the range and maximum rate of both mount angles over the period"),
     ] = False
     field_geometry: Annotated[
         bool, Flag("Also store mirror area, land area, packing factor and radius of the field")
@@ -168,8 +168,8 @@ class FieldOutput(Output):
     outlines: Annotated[
         int,
         Quantity(
-            "Maximum number of outlines of shadows, and of blocked areas, that are stored for each mirror, in "
-            "descending order of area; only for one instant or for sun directions",
+            "Maximum number of shadow outlines, and of blocking outlines, stored for each mirror in descending order "
+            "of area; only for one instant or for sun directions",
             "1", ge=0, le=100, integer=True, sweep=False,
         ),
     ] = 0  # fmt: skip
@@ -187,7 +187,7 @@ class DesignPoint(Block):
     dni: Annotated[float, Quantity("Direct normal irradiance", "W/m2", gt=0, le=1412, sweep=False)]
 
     def sun(self, latitude: float) -> NDArray[np.float64]:
-        """Return the unit vector to the sun at a latitude [deg], with Cooper's (1969) declination, shape (1, 3). [1]"""
+        """Return the unit vector to the sun at a latitude [deg], shape (1, 3), with Cooper's (1969) declination. [1]"""
         return solar_clock(np.radians(latitude), declination_cooper([self.day]), self.solar_hour)
 
     def month(self) -> int:
@@ -234,12 +234,12 @@ class FieldEfficiencyStudy(Study):
         Field(description=("Selection of the best heliostats, with which the field is recomputed (default: all)")),
     ] = None
     economics: Annotated[
-        Economics | None, Field(description="Costs of field, tower and receiver, and of the heat (default: none)")
+        Economics | None, Field(description="Costs of the field, tower, receiver and heat (default: none)")
     ] = None
     budget: Annotated[
         dict[str, dict[str, Any]] | None,
-        Field(description=("Error budget, with 'weather': for each cause of a loss, the values of its keys without "
-                          "the cause, such as {slope errors: {optics.slope_error: 0}}")),
+        Field(description=("Error budget, with 'weather': for each cause of a loss, its keys and their undisturbed "
+                          "values, such as {slope errors: {optics.slope_error: 0}}")),
     ] = None  # fmt: skip
     output: Annotated[FieldOutput, Field(description="Stored variables and format")] = FieldOutput()
 
@@ -263,7 +263,7 @@ class FieldEfficiencyStudy(Study):
             (wanted and self.weather is None and not has_instant(self), "output.flux_map",
              "needs one instant or a year: give 'design_point', 'weather', or 'clock: sun' with directions"),
             *((self.optics is None and attrgetter(key)(self) is not None, key,
-               "is used with 'optics' only: add it, or remove this")
+               "needs 'optics': add 'optics', or remove this key")
               for key in ("receiver.kind", "heliostat.focus", "heliostat.facets", "aim", "output.flux_map")),
             *heat_rules(self),
             *limit_rules(self),
@@ -298,7 +298,7 @@ class FieldEfficiencyStudy(Study):
 
 
 def _sun(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
-    """Check that the sun rises, and is up at the design point, at one or more sites; warn about other sites."""
+    """Check that the sun rises and is up at the design point for at least one site, and warn about other sites."""
     if isinstance(study.time, SunDirections):
         heights = ends(study.time.elevation)
         if max(heights) <= 0:
@@ -360,7 +360,7 @@ def _mirrors(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
             row = low[0]
             yield (
                 f"the mirrors of {low.size:,} heliostats reach into the ground when upright: the centre of "
-                f"{layout.where(row)} is {centre[row]:g} m high, half its mirror {height[row] / 2:g} m"
+                f"{layout.where(row)} is {centre[row]:g} m high, half of its mirror height is {height[row] / 2:g} m"
             )
 
 
