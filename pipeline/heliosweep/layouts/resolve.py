@@ -240,7 +240,7 @@ class Layouts:
         """Add the study key to a problem, unless the problem refers to a line or only counts other problems."""
         if problem.line or problem.unlisted:
             return problem
-        key, start = ("file", f"{file}: ") if file is not None else (problem.key, "")
+        key, start = ("file", f"{file}: ") if file is not None else (problem.key or self._kind, "")
         return self._study.problem(f"{self._key}.{key}", f"{start}{problem.message}")
 
 

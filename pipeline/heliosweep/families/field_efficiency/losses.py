@@ -246,10 +246,10 @@ def read_outages(path: Path, name: str, zone: str) -> Outages:
     def moment(text: str) -> np.datetime64:
         try:
             time = dt.datetime.fromisoformat(text)
-        except ValueError:
+            aware = time if time.tzinfo else time.replace(tzinfo=parse_timezone(zone))
+            return np.datetime64(aware.astimezone(dt.UTC).replace(tzinfo=None), "s")
+        except (ValueError, OverflowError):  # an overflow is a time in year 1 or 9999 that is in another year in UTC
             raise ValueError(f"must be a time such as 2023-05-31T12:00 (got {text[:40]!r})") from None
-        aware = time if time.tzinfo else time.replace(tzinfo=parse_timezone(zone))
-        return np.datetime64(aware.astimezone(dt.UTC).replace(tzinfo=None), "s")
 
     time = partial(Column, required=True, read=moment, dtype="datetime64[s]", missing=np.datetime64("NaT"))
     columns = {
