@@ -1,7 +1,7 @@
 """Heliostat and field values for a field with optics, computed by ray tracing.
 
-Every ray starts at a point on a mirror. Other mirrors may shade this point, or block the reflected ray. The reflected
-ray then hits or misses the receiver. See `heliosweep.kernels.rays`.
+Each ray starts at a point on a mirror. Other mirrors may shade this point or block the reflected ray. An unblocked ray
+hits or misses the receiver. See `heliosweep.kernels.rays`.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ if TYPE_CHECKING:
     from heliosweep.families.field_efficiency.study import DesignPoint, FieldEfficiencyStudy
     from heliosweep.layouts.layout import Layout
 
-#: Default relative standard error of the field's energy for ordinary results and for draws. [1]
+#: Default relative standard error of the field's energy without draws, and with draws. [1]
 PRECISION, DRAWN_PRECISION = 1e-4, 2e-3
-#: Number of rays per heliostat and instant in draws. Relative standard deviation of the light among all heliostats
-#: and instants. Fraction of instants with the sun up. [1]
+#: Number of rays per heliostat and instant in draws. Relative standard deviation of the light over heliostats and
+#: instants. Fraction of instants with the sun up. [1]
 DRAWN_RAYS, SCATTER, LIT = 16, 0.16, 0.3
-#: Maximum number of heliostats times groups of instants for which the next point reuses ray sums.
+#: Maximum number of heliostats times instant groups for which ray sums are cached for the next point.
 SHARED = 2**13
-#: Number of heliostats times instants for which ray sums are held in memory together. Maximum number of instants, and
-#: of result points, for which ray sums at each instant are kept for time series.
+#: Number of heliostat-instants whose ray sums are held in memory together. Maximum number of instants, and maximum
+#: number of result points, for which ray sums at each instant are kept for time series.
 PAIRS, KEPT_INSTANTS, KEPT = 2**15, 2**15, 4
 
 #: Mirror centres (x, y, z), half widths, half heights and aim points, all in m, and the code of the tracking method.
@@ -74,15 +74,15 @@ class Inputs:
         self.mounts = next(iter(read("optics.mount_errors.calibration", read_calibration).values()), None)
         self.losses = next(iter(read("receiver.thermal_losses.file", read_losses).values()), None)
         self._last: dict[str, tuple[tuple[Any, Any], ...]] = {}
-        #: Lock of each point whose means and time series use the same rays.
+        #: Lock for each point whose means and time series use the same rays.
         self.locks: Mapping[Any, threading.Lock] = defaultdict(threading.Lock)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without cached values, which workers recompute, and without the locks of this process."""
+        """Return the state for a worker process, with an empty cache and new locks."""
         return {**vars(self), "_last": {}, "locks": defaultdict(threading.Lock)}
 
     def last(self, name: str, key: Any, make: Callable[[], Any], depth: int = 1) -> Any:
-        """Return the value cached under a name and key. If no value is cached, compute it with `make` and cache it."""
+        """Return the value cached under a name and key, or compute it with `make` and cache it."""
         value = next((pair for pair in self._last.get(name, ()) if pair[0] == key), None) or (key, make())
         kept = self._last.get(name, ())  # another thread may have added its value during `make`
         self._last[name] = (value, *(pair for pair in kept if pair[0] != key))[:depth]
@@ -90,7 +90,7 @@ class Inputs:
 
 
 class Way(NamedTuple):
-    """Optical path from the mirrors to the receiver at a point of the result."""
+    """Optical path from the mirrors to the receiver at a result point."""
 
     #: Study with an `optics` block.
     study: Any
@@ -98,7 +98,7 @@ class Way(NamedTuple):
     inputs: Inputs
     #: Layout with all heliostats of the field.
     layout: Layout
-    #: Values of `optics.KEYS`, named by the last part of each key; the seed of the mount errors is `mount_seed`.
+    #: Values of `optics.KEYS`, by the last part of each key; the seed of the mount errors is `mount_seed`.
     values: Mapping[str, Any]
 
     @classmethod
@@ -145,7 +145,7 @@ class Way(NamedTuple):
         return rays.Errors(u, v, 1e-3 * float(values["specularity_error"])), sun, curve
 
     def _mounts(self) -> Floats:
-        """Return the mount errors of all heliostats. The shape is (N, 6), or (0, 6) if all errors are zero. [rad]"""
+        """Return the mount errors of all heliostats, shape (N, 6), or (0, 6) if all errors are zero. [rad]"""
         values, numbers, errors = self.values, self.layout.numbers, np.zeros((1, len(ERRORS)))
         given, seed = [values[name] for name in ERRORS], int(values["mount_seed"] or 0)
         if self.inputs.mounts is not None:
@@ -161,7 +161,7 @@ class Way(NamedTuple):
     def _slopes(self, sides: Floats, tracking: int) -> rays.SlopeMap | None:
         """Return the slope maps along the mirror axes u and v; None if the study has none.
 
-        If some heliostats have no map, a map of zeros is appended for them.
+        If some heliostats have no map, a map of zeros is appended for these heliostats.
         """
         if (found := self.map) is None:
             return None
@@ -174,7 +174,7 @@ class Way(NamedTuple):
         return rays.SlopeMap(x, y, slope, number % len(slope), not found.fits(*sides))
 
     def scene(self, mirrors: Geometry, tower: tuple[float, float] | None = None) -> rays.Scene:
-        """Return the heliostats, the receiver and the tower (radius and top height) in the form for the ray tracer."""
+        """Return the scene for the ray tracer. `tower` contains the radius and the top height of the tower. [m]"""
         values, layout, grid, slant = self.values, self.layout, self.study.heliostat.facets, slant_of(mirrors)
         centre, sides, tracking = np.stack(mirrors[:3], axis=1), 2.0 * np.stack(mirrors[3:5], axis=1), mirrors[6]
         facets = rays.Facets(1, 1, 0.0) if grid is None else rays.Facets(grid.columns, grid.rows, float(grid.gap))
@@ -220,17 +220,17 @@ class Way(NamedTuple):
         Without `aim`, with `centre`, and before `flux_limit` selects aim points, heliostats aim at the centre of the
         receiver. If the receiver is a cylinder, heliostats aim at the nearest surface point at mid-height.
 
-        With `spread`, the levels are evenly spaced over the height of the receiver. This height is reduced at each end
-        by the radius of the heliostat's spot. Heliostats are ordered by azimuth, clockwise from north, then by distance
-        from the tower. Levels are assigned cyclically in this order, starting at the lowest level. A heliostat with a
-        spot larger than the receiver aims at the centre.
+        With `spread`, the levels are evenly spaced over the height of the receiver, less the radius of the heliostat's
+        spot at each end. Heliostats are ordered by azimuth, clockwise from north, then by distance from the tower.
+        Levels are assigned cyclically in this order, starting at the lowest level. A heliostat with a spot larger than
+        the receiver aims at the centre.
 
         Parameters
         ----------
         mirrors : tuple
             Mirror centres (x, y, z), half widths and half heights; other entries are not used. [m]
         levels : int or None
-            Number of levels for `spread`.
+            Number of levels for `spread` (default: 3).
 
         Returns
         -------
@@ -251,7 +251,7 @@ class Way(NamedTuple):
         return middle
 
     def transmitted(self, mirrors: Geometry, place: Sequence[Any]) -> Floats:
-        """Return the air transmittance for each heliostat, shape (N,). `place` contains the values of `PLACE`. [1]"""
+        """Return the air transmittance for each heliostat [1], shape (N,). `place` contains the values of `PLACE`."""
         values = self.values
         given = {key: values[key] for key in ("visibility", "water_vapour") if values[key] is not None}
         altitude = place[2] if values["altitude"] is None else values["altitude"]
@@ -259,7 +259,7 @@ class Way(NamedTuple):
         return transmittance(slant_of(mirrors), values["attenuation"], **given)
 
     def reflected(self, months: NDArray[np.int64] | None, count: int) -> Floats:
-        """Return the factor for the month and the soiling of the reflectivity at `count` instants. [1]"""
+        """Return the reflectivity factor for monthly cleanliness and soiling at `count` instants. [1]"""
         values, monthly = self.values, self.study.optics.cleanliness_by_month
         clean = np.ones(1) if monthly is None else np.array(monthly)[months]
         if values["rate"] is not None:  # with staggered washing, the mean soiling is half the maximum
@@ -273,7 +273,7 @@ def slant_of(mirrors: Geometry) -> Floats:
 
 
 def turns(centre: Floats) -> NDArray[np.int64]:
-    """Return the rank of each heliostat, counted from 0, sorted by azimuth and then by distance from the tower."""
+    """Return the rank of each heliostat by azimuth, then by distance from the tower, counted from 0."""
     azimuth = np.round(np.arctan2(centre[:, 0], centre[:, 1]) % (2.0 * np.pi), 9) % np.round(2.0 * np.pi, 9)
     return np.argsort(np.lexsort((np.hypot(centre[:, 0], centre[:, 1]), azimuth)))
 
@@ -313,7 +313,7 @@ def is_series_traced(study: FieldEfficiencyStudy) -> bool:
 def drawn_step(study: FieldEfficiencyStudy, pairs: int) -> int:
     """Return the step between the traced instants of a heliostat; 1 except in draws without a flux map.
 
-    With each possible step, all hours of the day are sampled.
+    Each possible step samples all hours of the day.
     """
     optics: Any = study.optics
     if study.sample is None or flux_cells(study) or optics.rays is not None:
@@ -323,7 +323,7 @@ def drawn_step(study: FieldEfficiencyStudy, pairs: int) -> int:
 
 
 class TracedField(NamedTuple):
-    """A field with optics at a point of the result, with the methods of `values.Field`."""
+    """Field with optics at a result point, with the methods of `values.Field`."""
 
     study: Any
     #: Mirror centres (x, y, z), half widths, half heights and aim points, all in m, and the code of the tracking
@@ -354,13 +354,13 @@ class TracedField(NamedTuple):
     aims: Mapping[str, Any] = {}
     #: Aim points at each instant, shape (T, N, 3); None if the aim points of the scene are used. [m]
     targets: Floats | None = None
-    #: Sums over all traced heliostats: pairs of a flux map and its unit [kW or MWh], and `sums` at each instant if time
-    #: series or heat need them; None to omit these sums. All are multiples of a power of two. Results are therefore
-    #: bitwise equal for any order of heliostat blocks.
+    #: Sums over all traced heliostats: each flux map with its unit [kW or MWh], and `sums` at each instant if time
+    #: series or heat need these sums. None if no sums are needed. Each sum is a multiple of a power of two. Results are
+    #: therefore bitwise equal for any order of heliostat blocks.
     light: dict[str, Any] | None = None
 
     def means(self, sun: Floats, start: int, stop: int, point: DesignPoint | None = None) -> Values:
-        """Return means over the instants with the sun up, with equal weights; for a design point, its values."""
+        """Return unweighted means over the instants with the sun up, or the values at a design point."""
         months = self.months if point is None else np.array([point.month()])
         up, reflected = (sun[:, 2] > 0).astype(float), self.way.reflected(months, len(sun))
         scale = 1e-3 * (IRRADIANCE if point is None else point.dni) if up[0] else np.nan
@@ -370,7 +370,7 @@ class TracedField(NamedTuple):
         return _efficiencies(part, self.transmitted[start:stop], self.reflection[start:stop], _mean(reflected, up))
 
     def energies(self, hours: Hours, start: int, stop: int) -> Values:
-        """Return irradiation-weighted means, and energies. [1, MWh]"""
+        """Return irradiation-weighted means [1] and energies [MWh]."""
         clean, reflected = self._reflected(hours)
         weight, name = hours.weight, "energy_flux_map"
         made = self._trace(hours.sun, weight, weight * reflected, start, stop, name, clean, hours.month, MONTHS)
@@ -394,7 +394,7 @@ class TracedField(NamedTuple):
     def series(
         self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int, sums: Floats | None
     ) -> Values:
-        """Return the values of the field, and of the heliostats if rays are traced, at the instants of `part`. [1, kW]
+        """Return field values, and heliostat values if rays are traced, at the instants in `part`. [1, kW, MW]
 
         If `hours` is given, the values include power. `sums` contains the sums over the heliostats at all instants. If
         `sums` is None, rays are traced.
@@ -451,7 +451,7 @@ class TracedField(NamedTuple):
         return found
 
     def limited(self, point: Point, sun: Floats, hours: Hours | None) -> TracedField:
-        """Return the field with the aim points that a flux limit requires.
+        """Return the field with aim points that respect the flux limit.
 
         Aim points are chosen for the design point, or separately for each instant. Without a flux limit, the field is
         returned unchanged.
@@ -510,7 +510,7 @@ class TracedField(NamedTuple):
     def _reflected(self, hours: Hours) -> tuple[float, Floats]:
         """Return the factors by which dirt reduces the reflectivity: a constant, and a relative value per instant.
 
-        Points of the result that differ only in the constant factor use the same rays.
+        Result points that differ only in the constant factor use the same rays.
         """
         reflected = self.way.reflected(hours.month, len(hours.sun))
         even = reflected.size and reflected[0] > 0.0 and np.all(reflected == reflected[0])
@@ -530,7 +530,7 @@ class TracedField(NamedTuple):
         self, sun: Floats, weight: Floats, reflected: Floats, start: int, stop: int, name: str, scale: float,
         month: NDArray[np.int64] | None = None, groups: int = 1, summed: bool = True,
     ) -> rays.Traced:  # fmt: skip
-        """Trace the heliostats `start` to `stop` - 1 in one group, or by month, and add their light to `light`.
+        """Trace heliostats `start` to `stop` - 1, in one group or by month, and add their light to `light`.
 
         The flux map `name` is multiplied by `scale`. If `summed` is False, sums at each instant are omitted.
         """
@@ -582,10 +582,8 @@ class TracedField(NamedTuple):
     ) -> rays.Traced:  # fmt: skip
         """Scale the sums over the traced instants to all instants, first for each heliostat, then for each group.
 
-        The scale factors are ratios of the sums of cosines over all instants and over the traced instants.
-
-        The sums over the heliostats at each instant assume that the light on the receiver is proportional to the cosine
-        within a group of instants.
+        Each scale factor is the sum of cosines over all instants divided by the sum over the traced instants. The field
+        sums at each instant assume that, within a group, the light on the receiver is proportional to the cosine.
         """
         sums, used = made.sums, np.flatnonzero(weight)
         away = (self.scene.target - self.scene.centre)[rows]
@@ -612,7 +610,7 @@ class TracedField(NamedTuple):
         return made._replace(sums=scaled, field=field)
 
     def _rays(self, sun: Floats, weight: Floats, reflected: Floats, cells: tuple[int, int] | None) -> int:
-        """Return the number of rays per heliostat and instant for energies and a flux map of the given cells."""
+        """Return the number of rays per heliostat and instant for energies and for a flux map with `cells`."""
         optics = self.study.optics
         if self.number or optics.rays is not None:
             return self.number or max(1, int(optics.rays / self.coarse))
@@ -629,7 +627,7 @@ def _efficiencies(
     """Return efficiencies and `energies` with their standard errors, from sums with shape (quantities, ..., sets, n).
 
     `passed` is the transmittance of the air for each heliostat, and `mirror` is the reflectance of each heliostat.
-    Energies have a second to last dimension for the sets of rays, except for energies common to all sets.
+    The second-to-last dimension of the energies is the ray set; energies common to all sets lack this dimension.
     """
     optical, light = (np.moveaxis(part[at], -2, 0) for at in (rays.OPTICAL, rays.LIGHT))
     exact = part[[rays.COSINE, rays.UNSHADED, rays.UNBLOCKED, rays.OPTICAL]]

@@ -1,4 +1,4 @@
-"""Irradiation, energy and size of a field, and results of its heliostats if the study has no `optics` block.
+"""Irradiation, energy and size of a field, and heliostat results without ray tracing.
 
 The energy of a heliostat is
 
@@ -8,7 +8,7 @@ summed over the instants with the sun up and all operating limits met. Factors a
 summation. Each loss is the decrease from one partial product to the next. The losses therefore add up to the incident
 energy minus the received energy.
 
-Both mounts orient the normal along n = unit(s + r), where r and s are the directions to the receiver and to the sun:
+Both mounts point the normal along n = unit(s + r), where r and s are the directions to the receiver and to the sun:
 
 - azimuth-elevation: the primary angle is the azimuth of n, clockwise from north, and the secondary angle is the
   elevation of n;
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from heliosweep.grid.weather import Irradiance
 
 
-#: Sun direction below the horizon, used for instants at which the field does not operate.
+#: Sun direction below the horizon, used at instants when the field does not operate.
 DOWN = (0.0, 0.0, -1.0)
 
 
@@ -72,7 +72,10 @@ class Hours(NamedTuple):
 
     @classmethod
     def of(cls, sun: Floats, air: Irradiance, limits: Sequence[float | None], below: NDArray[np.bool_] | None) -> Hours:
-        """Return the irradiation for sun vectors, limits as in `LIMITS`, and, with a horizon, the instants below it."""
+        """Return the irradiation at a site.
+
+        `limits` contains the values of `LIMITS`. `below` is True at instants with the sun below the site's horizon.
+        """
         works, cause = used(air, sun, limits)
         if below is not None:
             works, cause = works & ~below, np.where(below, len(CAUSES), cause)
@@ -100,10 +103,10 @@ Values = dict[str, Floats]
 
 
 class Field(NamedTuple):
-    """A field without optics at a point of the result, computed by exact polygons.
+    """Field without optics at a result point, computed with exact polygons.
 
-    Methods return a mapping of variable names to values, with heliostats on the last axis. The values are for the
-    heliostats `start` to `stop` - 1, but all heliostats can shade and block these heliostats.
+    Each method returns a mapping from variable names to values, with heliostats on the last axis. The values are for
+    heliostats `start` to `stop` - 1, which any heliostat of the field can shade or block.
     """
 
     study: Any
@@ -118,17 +121,17 @@ class Field(NamedTuple):
     place: Sequence[Any]
     #: Availability of the heliostats; None if they always operate.
     available: Available | None = None
-    #: Values of `aiming.VARIABLES`; none without optics.
+    #: Values of `aiming.VARIABLES`; empty without optics.
     aims: Mapping[str, Any] = {}
 
     def means(self, sun: Floats, start: int, stop: int, point: object = None) -> Values:
-        """Return means over the instants with the sun up, with equal weights."""
+        """Return unweighted means over the instants with the sun up."""
         sums, count = efficiency.field_sums(*self.sorted, sun, start, stop)
         means = (sums / count if count else np.full_like(sums, np.nan)).T
         return dict(zip((*EFFICIENCIES, PRODUCT), means, strict=True))
 
     def energies(self, hours: Hours, start: int, stop: int) -> Values:
-        """Return irradiation-weighted means, and energies. [1, MWh]"""
+        """Return irradiation-weighted means [1] and energies [MWh]."""
         months = efficiency.field_energies(*self.sorted, hours.sun, start, stop, hours.weight, hours.month, MONTHS)
         year = np.zeros((7, stop - start))
         for month in range(MONTHS):  # the summation order is independent of the split into heliostat blocks
@@ -144,7 +147,7 @@ class Field(NamedTuple):
         return self.available.apply(self._replace(available=None), hours, found, start, stop)
 
     def series(self, sun: Floats, part: slice, hours: Hours | None, start: int, stop: int) -> Values:
-        """Return the values at the instants of `part`, including power if `hours` is given. [1, kW]"""
+        """Return the values at the instants in `part`, including power if `hours` is given. [1, kW]"""
         values = efficiency.field_series(*self.sorted, sun[part], start, stop)
         found = dict(zip(SERIES, values, strict=True))
         if hours is not None:
@@ -180,11 +183,11 @@ def chain_of_energies(hours: Hours, area: Floats, left: Sequence[Floats], monthl
 
 
 def land_area(x: Floats, y: Floats, radius: float) -> float:
-    """Return the area of the convex hull of the centres x, y [m], extended outwards by `radius` [m]. [m2]"""
+    """Return the area [m2] of the convex hull of the centres x, y [m], enlarged on all sides by `radius` [m]."""
     from shapely import convex_hull, multipoints
 
     hull = convex_hull(multipoints(np.stack((x, y), axis=1)))
-    around = hull.length * (1 if hull.area else 2)  # if all centres are on one line, the hull has two sides
+    around = hull.length * (1 if hull.area else 2)  # the hull of collinear centres is a line with two sides
     return float(hull.area + radius * around + math.pi * radius**2)
 
 
@@ -230,8 +233,8 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
 
     Within a course, the axis rotates by the smaller angle between successive instants, and its angle may exceed a full
     turn. Between two courses (overnight), the axis may rotate by whole turns. The range is therefore the smallest range
-    that contains all courses. The rate is the mean rate over a step: the angle between two successive
-    instants of a course divided by the time between these instants.
+    that contains all courses. The rate between two successive instants of a course is the change of the angle divided
+    by the time between these instants.
 
     Parameters
     ----------
@@ -277,10 +280,11 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
 
 
 def angles_of(aims: Floats, sun: Floats, tracking: int, instants: Instants | None, series: bool, time: Any) -> Floats:
-    """Return the motion of mounts (last axis) at `instants` if given, otherwise their angles at each or one instant.
+    """Return the motion of the mounts over `instants`, or the mount angles if `instants` is None.
 
-    A course is a run of successive instants on one day with the sun above the horizon. A course ends if the time
-    decreases (as from one solar day to the next) or increases by more than the maximum step of the block `time`.
+    Mounts are on the last axis. The angles are for all instants if `series` is True, otherwise for the first instant. A
+    course is a run of successive instants on one day with the sun above the horizon. It ends if the time decreases (as
+    from one solar day to the next) or increases by more than the maximum step of the block `time`.
     """
     pairs = [tracking_angles(aim, sun, tracking) for aim in aims]
     if instants is None:

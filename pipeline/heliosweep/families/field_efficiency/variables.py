@@ -1,7 +1,7 @@
 """Result variables: names, CF attributes and definitions, in the order of the result file.
 
-Each row of the table `rows` describes one variable, with its name, dimensions, units and descriptions, and with the
-study properties that it requires. The family's computation returns values by variable name.
+Each row of the table `rows` describes one variable: its name, dimensions, units and descriptions, and the study
+properties that the variable requires.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ _TRACED: dict[str, tuple[str, str]] = {
     ),
     "intercept_efficiency": (
         "intercept efficiency",
-        "fraction of the light leaving the mirror, neither shaded nor blocked, that hits the receiver",
+        "fraction of the reflected light, excluding blocked light, that hits the receiver",
     ),
     "attenuation_efficiency": (
         "attenuation efficiency",
@@ -71,11 +71,11 @@ _TRACED: dict[str, tuple[str, str]] = {
     "reflection_efficiency": ("reflection efficiency", "reflectivity times cleanliness"),
     "total_efficiency": (
         "total efficiency",
-        "optical times reflection, attenuation and intercept efficiency; over time the mean of this product",
+        "product of optical, reflection, attenuation and intercept efficiency; over time the mean of this product",
     ),
 }
 
-#: Efficiencies of each heliostat in the order of the kernel's results, and efficiencies that `optics` adds.
+#: Efficiencies in the order of the kernel's results, and additional efficiencies of studies with `optics`.
 EFFICIENCIES, LIGHT = tuple(_EXACT), tuple(_TRACED)[len(_EXACT) - 1 :]
 SERIES = tuple(f"instantaneous_{name}" for name in EFFICIENCIES)
 DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
@@ -94,14 +94,13 @@ _NOISY = (
 _DRAWN_NOISY = tuple(f"{of}{name}" for of in ("", "field_") for name in
                      ("optical_efficiency", "intercept_efficiency", "total_efficiency", "receiver_energy"))  # fmt: skip
 _MAPS = ("flux_map", "peak_flux", "mean_flux", "energy_flux_map")
-#: Number of months in a year.
 MONTHS = 12
 #: Angles of the two axes of a mount.
 ANGLES = ("primary_angle", "secondary_angle")
 OUTLINES = ("outline_u", "outline_v", "outline_area", "outline_heliostat", "outline_count")
 
 _INCIDENT = (
-    "direct normal irradiation of the mirror area with the sun above the horizon, including instants outside the limits"
+    "direct normal irradiation on the mirror area with the sun above the horizon, including instants outside the limits"
 )
 _HEAT = "absorbed light minus thermal losses; 0 at instants at which the losses exceed the absorbed light"
 _WHOLE = "intervals in which the sun rises or sets are counted in full"
@@ -142,7 +141,7 @@ _IMAGES = (
 Row = tuple[Any, ...]
 
 
-#: Variables that do not depend on the optics, except means over the period.
+#: Rows for mount angles, outlines, field sizes, kept heliostats, flux maps, aim points and the error budget.
 _GEOMETRY: tuple[Row, ...] = (
     *(row for axis, comment in _AXES.items() for row in (
         ("angles directions", f"{axis}_angle", "heliostat", False, "degree", f"angle of the {axis} axis", comment),
@@ -153,9 +152,9 @@ _GEOMETRY: tuple[Row, ...] = (
     )),
     *(("outlines", f"outline_{name}", f"heliostat effect {dims}", False, units, words, comment)
       for name, dims, units, words, comment in (
-        ("u", "image corner", "m", "corner along the width, from the mirror's centre", _IMAGES),
-        ("v", "image corner", "m", "corner along the height, from the mirror's centre", _IMAGES),
-        ("area", "image", "m2", "area of the part of the mirror within an outline", _IMAGES),
+        ("u", "image corner", "m", "corner position along the width, from the mirror's centre", _IMAGES),
+        ("v", "image corner", "m", "corner position along the height, from the mirror's centre", _IMAGES),
+        ("area", "image", "m2", "mirror area within an outline", _IMAGES),
         ("heliostat", "image", "1", "number of the heliostat that shades or blocks the mirror", _IMAGES),
         ("count", "", "1", "number of outlines, including outlines that are not stored", ""))),
     ("geometry", "tower_distance", "heliostat", True, "m", "horizontal distance of the heliostat from the tower"),
@@ -171,7 +170,7 @@ _GEOMETRY: tuple[Row, ...] = (
     ("kept", "kept", "heliostat", False, "1", "1 for a kept heliostat, 0 for a removed heliostat",
      "results are for the kept heliostats"),
     ("kept", "selection_rank", "heliostat", False, "1",
-     "rank of the heliostat by 'keep.by' in the field before the selection, 1 for the best",
+     "rank of the heliostat by 'keep.by' before the selection, 1 for the best",
      "heliostats with equal values are ranked in layout order"),
     ("mapped", "flux_map", "flux_row flux_column", False, "kW m-2", "flux on the receiver",
      "mean flux from all heliostats over each cell, {instant}"),
@@ -189,7 +188,7 @@ _GEOMETRY: tuple[Row, ...] = (
      "field energy on the receiver without the causes in the budget"),
     ("budget", "budget_stage_loss", "stage", False, "MWh",
      "field energy lost at each stage without the causes in the budget",
-     "the received energy is the incident energy minus the losses of all stages and all parts of the budget"),
+     "the received energy is the incident energy minus the losses at all stages and in all parts of the budget"),
     ("budget", "budget_loss", "budget_part", False, "MWh", "field energy lost to each cause alone",
      "the last part is the interaction of the causes; the sum over all parts is the loss due to all causes together"),
     ("budget", "budget_gain", "budget_cause", False, "MWh",
@@ -205,7 +204,7 @@ _INSTANTS: tuple[Row, ...] = (
 
 
 def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = frozenset()) -> list[Row]:
-    """Return the table rows of all variables of a study with or without optics and sun directions.
+    """Return the table rows for all variables of a study, which depend on `optics` and `directions`.
 
     `mean` contains the cell methods of a mean over time. `constant` contains the quantities that do not vary with time.
     """
@@ -263,7 +262,7 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
         ("costs", "total_capital_cost", "", True, "1", "capital cost of all items in {currency}",
          "of field, tower and receiver"),
         ("costs", "levelized_cost_of_heat", "", True, "MWh-1", "levelized cost of heat in {currency}",
-         "fixed charges and operation of a year divided by the energy of 365 days: the heat of the receiver, or the "
+         "annual fixed charges and operation costs divided by the energy of 365 days: the heat of the receiver, or the "
          "energy on the receiver if the study has neither absorptance nor losses"),
         *(("series", f"instantaneous_{name}", "time heliostat", False, "1", f"{words} at each instant",
            f"{comment}; missing at night") for name, (words, comment) in series.items()),
@@ -282,8 +281,8 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
     ]  # fmt: skip
 
 
-#: Reserved names of all variables, including variables that a study does not have. Layouts must not use these names.
-#: Variables of aim points are reserved only if aim points are chosen, because layouts may contain aim points.
+#: Reserved names of the variables of all studies, which layout columns must not use. Names of aim point variables are
+#: reserved only if aim points are chosen, because layouts may contain aim points.
 NAMES = frozenset((
     *(name for directions in (False, True) for has, name, *_ in rows(True, directions, "") if "limited" not in has),
     *(f"{name}_error" for name in (*_NOISY, *_MAPS)),
@@ -291,9 +290,9 @@ NAMES = frozenset((
 
 
 def _declared(row: Row, words: Mapping[str, Any]) -> Variable:
-    """Return the variable described by a row of the table, with `words` inserted in its long name and comment.
+    """Return the variable described by a table row, with `words` inserted into its long name and comment.
 
-    In the cell methods of an intercept, means are weighted by the light that leaves the mirrors.
+    In the cell methods of an intercept efficiency, means are weighted by the light that leaves the mirrors.
     """
     padded: Row = (*row, *[""] * (8 - len(row)))
     _, name, dims, finished, units, long_name, comment, methods = padded
@@ -324,7 +323,7 @@ def _properties(study: FieldEfficiencyStudy) -> set[str]:
 
 
 def _words(study: FieldEfficiencyStudy) -> dict[str, Any]:
-    """Return the words that replace names in braces in the table rows."""
+    """Return the replacements for the names in braces in the table rows."""
     costs, mapped, instant = study.economics, study.output.flux_map, f"direct normal irradiance {IRRADIANCE:g} W/m2"
     way = "sent towards" if study.optics is None else "on"
     return {
