@@ -238,6 +238,7 @@ def test_spots_that_disagree_are_flagged_with_their_heliostat_and_robust_losses_
     said = " ".join(remarks(result))
     assert "2 spots of 1 heliostats are more than 5 robust standard deviations from the prediction by the other" in said
     assert "'calibration.loss: huber'" in said
+    assert "'calibration.loss: huber'" not in " ".join(remarks(result.sel(loss=["huber"])))
 
 
 @pytest.mark.parametrize(

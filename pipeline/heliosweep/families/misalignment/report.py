@@ -600,6 +600,10 @@ def _of_measured(result: xr.Dataset) -> Remarks:
     distance = np.hypot(point["residual_y"].to_numpy(), point["residual_z"].to_numpy())
     rows, spots = np.nonzero(deviation > LARGEST_DEVIATION)
     worst = np.argsort(-deviation[rows, spots], kind="stable")[:_LISTED]
+    advice = "Check them; the robust loss reduces their effect on the estimates (spot_deviation)"
+    if (result["loss"] == "squared").any():
+        remedy = "Check them, give them the weight 0 or set 'calibration.loss: huber'"
+        advice = f"{remedy} (spot_deviation, calibration_status {DISAGREE})"
     listed = [
         f"{names[row]} {f'spot {spot}' if np.isnat(time[row, spot]) else f'{time[row, spot]:.16}Z'} "
         f"({distance[row, spot]:.2g} m)".replace("T", " ")
@@ -609,7 +613,5 @@ def _of_measured(result: xr.Dataset) -> Remarks:
         rows.size,
         f"{rows.size:,} spots of {len(set(rows.tolist())):,} heliostats are more than {LARGEST_DEVIATION:g} robust "
         "standard deviations from the prediction by the other spots: "
-        f"{', '.join(listed)}{', ...' * (rows.size > _LISTED)}. Check "
-        "them, give them the weight 0 or set 'calibration.loss: huber' (spot_deviation, calibration_status "
-        f"{DISAGREE})",
+        f"{', '.join(listed)}{', ...' * (rows.size > _LISTED)}. {advice}",
     )
