@@ -94,6 +94,8 @@ def _special(name: str, title: str, variables: Sequence[str]) -> Special:
 def _named(result: xr.Dataset, name: str) -> xr.DataArray:
     words = name.removeprefix("field_").removesuffix("_efficiency").replace("_", " ")
     array = result[name].assign_attrs({SOURCE: name})
+    if name in _COST[:2]:
+        words += f" in {array.attrs['long_name'].rpartition(' in ')[2]}"  # the currency
     return array.rename({"heliostats": "number of heliostats"}.get(words, words))
 
 
@@ -119,6 +121,7 @@ def figures(result: xr.Dataset) -> list[Figure]:
     """Return the figures of a result, with the main figure first."""
     energy, context = _ENERGY[0] in result, Context(result)
     arrival = "on the receiver" if "total_efficiency" in result else "sent to the receiver"
+    last = "the heat of the receiver" if "field_heat" in result else f"the energy {arrival}"
     means = "Energies are sums and efficiencies are means over the period." if energy else "Means over the period."
     title = "Energy and mean efficiency" if energy else "Mean efficiency"
     field = [f"field_{name}" for name in (*_ENERGY[:2], *_EFFICIENCIES)]
@@ -128,8 +131,8 @@ def figures(result: xr.Dataset) -> list[Figure]:
     lines, places = ("tracking",), PLACES
     return [
         _special("energy_losses",
-                f"Energy losses between the direct sunlight on all mirrors and the energy {arrival}, in percent of "
-                "the direct sunlight",
+                f"Energy losses between the direct sunlight on all mirrors and {last}, in percent of the direct "
+                "sunlight",
                 ("loss", "field_incident_energy", "field_receiver_energy")),
         budget_figure(result),
         Maps("field_maps", "Energy and efficiency of each heliostat" if energy else "Efficiency of each heliostat",
