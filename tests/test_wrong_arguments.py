@@ -15,6 +15,7 @@ NAMES: dict[str, Any] = {
     "PLACES": [(0.0, 60.0, 4.0), (10.0, 60.0, 4.0), (0.0, 70.0, 4.0)],
     "FIELD": [(12.0 * x, 50.0 + 12.0 * y, 4.0) for x in range(-4, 5) for y in range(6)],
     "PIVOTS": np.array([(-20.0, 150.0, 4.0), (120.0, 300.0, 5.0), (10.0, 80.0, 3.0)]),
+    "LAYOUT": heliosweep.radial_stagger(clearance=14.0, inner_radius=60.0, heliostats=5),
     "SCENE": heliosweep.gazing_scene(30.0, 60.0, 0.0, 44.0),
 }  # fmt: skip
 

@@ -559,6 +559,9 @@ def mirror_centres(layout: Any, argument: str = "layout") -> Floats:
         if missing:
             raise ValueError(f"`{argument}` must have columns x, y and z (lacks {', '.join(missing)})")
         layout = np.stack([np.asarray(layout[axis], np.float64) for axis in "xyz"], axis=1)
+    elif hasattr(layout, "x"):
+        remedy = "give {'x': layout.x, 'y': layout.y, 'z': layout.z + height of the mirror centres above the bases}"
+        raise ValueError(f"`{argument}` must be an array of shape (N, 3) or a table of mirror centres: {remedy}")
     places = np.array(layout, np.float64, ndmin=2)
     if places.ndim != 2 or places.shape[1] != 3 or not len(places):
         raise ValueError(f"`{argument}` must have the shape (N, 3) (got {places.shape})")
