@@ -179,4 +179,4 @@ def test_a_power_that_the_field_has_not_is_told(small, tmp_path, caplog):
     study = small(**PLACE, layout=RINGS, design_point=DESIGN, keep=keep)
     with api.run(study, tmp_path, report=False).open() as result:
         assert result["kept"].isel(kept_power=1).all()
-    assert "1 of 2 fields do not reach keep.field_power with all heliostats (at most 8.003 MW)" in caplog.text
+    assert "1 of 2 fields do not reach keep.field_power even with all heliostats (at most 8.003 MW)" in caplog.text

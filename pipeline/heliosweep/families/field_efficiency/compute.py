@@ -302,7 +302,7 @@ def _angles(
 def light_of(point: Point) -> tuple[np.ndarray, Hours | None, np.ndarray | None]:
     """Return the sun directions, the irradiation and the months at a result point.
 
-    The irradiation is None without weather. The months are None unless cleanliness by month is used without weather.
+    The irradiation is None without weather. The months are None unless monthly cleanliness is used without weather.
     """
     study, points, place = point.study, point.points, [point[key] for key in PLACE]
     around = points.once("around", lambda: Parameters(study, {k: v for k, v in points.region.items() if k != "time"}))
@@ -536,8 +536,8 @@ def remarks(result: xr.Dataset) -> Iterator[str]:
         if (short := (power < result[kept]).to_numpy()).any():
             most = float(power.where(short).max())
             yield (
-                f"{int(short.sum()):,} of {short.size:,} fields do not reach keep.{key} with all heliostats (at most "
-                f"{most:.4g} MW): generate more heliostats"
+                f"{int(short.sum()):,} of {short.size:,} fields do not reach keep.{key} even with all heliostats (at "
+                f"most {most:.4g} MW): generate more heliostats"
             )
 
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 #: Stages at which the receiver loses energy.
 HEAT_STAGES = ("absorption", "thermal losses")
 _LOSS_COLUMNS = {
-    "power": Column("of the light on the receiver, in MW", required=True, least=0, bounds="at least 0 MW"),
-    "losses": Column("of heat at this power, in MW", required=True, least=0, bounds="at least 0 MW"),
+    "power": Column("power of the light on the receiver, in MW", required=True, least=0, bounds="at least 0 MW"),
+    "losses": Column("thermal losses at this power, in MW", required=True, least=0, bounds="at least 0 MW"),
 }
 
 
@@ -109,7 +109,7 @@ def has_heat(study: FieldEfficiencyStudy) -> bool:
 
 
 def heat_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ...]:
-    """Return the rules for heat and cost keys as tuples of fault condition, key and message."""
+    """Return the rules for heat and cost keys as tuples (condition of a fault, key, message)."""
     given = [f"receiver.{key}" for key in ("absorptance", "thermal_losses") if getattr(study.receiver, key) is not None]
     return (
         *((study.optics is None, key, "needs 'optics': add 'optics', or remove this key") for key in given),
@@ -159,7 +159,7 @@ def read_losses(path: Path, name: str) -> Floats:
     for row in np.flatnonzero(np.diff(power) <= 0.0) + 1:
         table.add(f"the powers must increase (got {power[row]:g})", int(row))
     if len(table) and lost[-1] >= power[-1]:
-        table.add(f"losses of {lost[-1]:g} MW are not below the power of {power[-1]:g} MW", len(table) - 1)
+        table.add(f"losses of {lost[-1]:g} MW must be less than the power of {power[-1]:g} MW", len(table) - 1)
     table.finish()
     return np.stack((power, lost))
 

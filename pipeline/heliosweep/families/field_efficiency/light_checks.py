@@ -38,7 +38,7 @@ def light_faults(study: FieldEfficiencyStudy) -> Iterator[Problem | str]:
             if isinstance(found, Problem):
                 yield found
                 return
-            if (kind := found.split(" ", 1)[1]) not in warned:  # repeat no warning that differs only in a number
+            if (kind := found.split(" ", 1)[1]) not in warned:  # warnings that differ only in numbers appear once
                 warned.add(kind)
                 yield found
     yield from _facets(study)
@@ -71,7 +71,7 @@ def _receiver(study: Any, layout: Layout, values: Mapping[str, Any]) -> Iterator
             yield study.problem("layout", f"{first} is at the centre of the tower; move or remove it")
         else:
             message = (
-                "must be less than the distance of each mirror from the tower; mirrors inside the receiver: "
+                "must be less than the distance from the tower to each mirror; mirrors inside the receiver: "
                 f"{inside.size:,}, first "
             )
             yield study.problem("receiver.radius", f"{message}{first}; move or remove them")

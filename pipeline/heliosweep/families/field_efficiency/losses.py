@@ -228,7 +228,7 @@ def check_tower(study: FieldEfficiencyStudy) -> Iterator[Problem]:
             yield study.problem("tower.top", f"covers the receiver: must be at most {bottom:g} m (got {top:g})")
         if (within := np.flatnonzero(np.hypot(layout.x, layout.y) <= radius)).size:
             message = (
-                "must be less than the distance of each mirror from the tower; mirrors inside the tower: "
+                "must be less than the distance from the tower to each mirror; mirrors inside the tower: "
                 f"{within.size:,}, first "
             )
             first = f"{layout.where(within[0])} of {layout.name}"

@@ -195,7 +195,7 @@ class SunShape(Block):
     file: Annotated[
         str | None,
         FileName(
-            "CSV table of a measured sun shape, for table: angle from the sun's centre in mrad, and brightness",
+            "CSV table of a measured sun shape, for kind table: angle from the sun's centre in mrad, and brightness",
             sweep=False,
         ),
     ] = None
@@ -619,7 +619,7 @@ MOST_INSTANTS = 100
 
 
 def limit_rules(study: FieldEfficiencyStudy) -> tuple[tuple[object, str, str], ...]:
-    """Return the rules for a flux limit as tuples of fault condition, key and message."""
+    """Return the rules for a flux limit as tuples (condition of a fault, key, message)."""
     instants, shown = instant_count(study.time), study.output.flux_map
     some = isinstance(study.time, SunDirections) or study.design_point or instants > MOST_INSTANTS
     return (

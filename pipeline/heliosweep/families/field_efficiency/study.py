@@ -221,27 +221,25 @@ class FieldEfficiencyStudy(Study):
         Field(description="Weather file or clear-sky model; its direct normal irradiance weights the means over time"),
     ] = None
     availability: Annotated[
-        Availability | None, Field(description="Availability of the heliostats, with 'weather' (default: always)")
+        Availability | None, Field(description="Availability of the heliostats; needs 'weather' (default: always)")
     ] = None
-    limits: Annotated[Limits | None, Field(description="Conditions under which the field operates, with 'weather'")] = (
-        None
-    )
+    limits: Annotated[Limits | None, Field(description="Conditions for operation of the field; needs 'weather'")] = None
     design_point: Annotated[
         DesignPoint | None, Field(description="Instant and irradiance for which power and efficiencies are also stored")
     ] = None
     keep: Annotated[
         Keep | None,
-        Field(description=("Selection of the best heliostats, with which the field is recomputed (default: all)")),
+        Field(description="Selection of the best heliostats for the final field (default: all)"),
     ] = None
     economics: Annotated[
         Economics | None, Field(description="Costs of the field, tower, receiver and heat (default: none)")
     ] = None
     budget: Annotated[
         dict[str, dict[str, Any]] | None,
-        Field(description=("Error budget, with 'weather': for each cause of a loss, its keys and their undisturbed "
+        Field(description=("Error budget; needs 'weather'. For each cause of a loss, its keys and their undisturbed "
                           "values, such as {slope errors: {optics.slope_error: 0}}")),
     ] = None  # fmt: skip
-    output: Annotated[FieldOutput, Field(description="Stored variables and format")] = FieldOutput()
+    output: Annotated[FieldOutput, Field(description="Stored variables and their format")] = FieldOutput()
 
     def reserved_names(self) -> frozenset[str]:
         """Return the reserved names in the result, which layout columns must not use."""

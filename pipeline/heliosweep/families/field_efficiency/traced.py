@@ -220,7 +220,7 @@ class Way(NamedTuple):
         Without `aim`, with `centre`, and before `flux_limit` selects aim points, heliostats aim at the centre of the
         receiver. If the receiver is a cylinder, heliostats aim at the nearest surface point at mid-height.
 
-        With `spread`, the levels are evenly spaced over the height of the receiver, less the radius of the heliostat's
+        For `spread`, the levels are evenly spaced over the height of the receiver, less the radius of the heliostat's
         spot at each end. Heliostats are ordered by azimuth, clockwise from north, then by distance from the tower.
         Levels are assigned cyclically in this order, starting at the lowest level. A heliostat with a spot larger than
         the receiver aims at the centre.
@@ -355,8 +355,8 @@ class TracedField(NamedTuple):
     #: Aim points at each instant, shape (T, N, 3); None if the aim points of the scene are used. [m]
     targets: Floats | None = None
     #: Sums over all traced heliostats: each flux map with its unit [kW or MWh], and `sums` at each instant if time
-    #: series or heat need these sums. None if no sums are needed. Each sum is a multiple of a power of two. Results are
-    #: therefore bitwise equal for any order of heliostat blocks.
+    #: series or heat need these sums. None if no sums are needed. Each sum is an integer multiple of a power of two.
+    #: Results are therefore bitwise equal for any order of heliostat blocks.
     light: dict[str, Any] | None = None
 
     def means(self, sun: Floats, start: int, stop: int, point: DesignPoint | None = None) -> Values:

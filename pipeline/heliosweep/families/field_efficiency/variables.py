@@ -105,8 +105,8 @@ _INCIDENT = (
 _HEAT = "absorbed light minus thermal losses; 0 at instants at which the losses exceed the absorbed light"
 _WHOLE = "intervals in which the sun rises or sets are counted in full"
 _LOSS = (
-    "the sum over all stages is the incident energy minus the received energy; shading is the light lost to "
-    "shadows, and blocking is the light lost to blocking outside the shadows"
+    "the sum over all stages is the incident energy minus the received energy; shading is the loss due to "
+    "shadows, and blocking is the additional loss due to blocking outside the shadows"
 )
 _AXES = {
     "primary": "vertical axis: azimuth of the normal, clockwise from north; spinning axis: rotation about the line "
@@ -125,7 +125,7 @@ _MOTION = (
      "; sum of the absolute changes between successive instants of a day, without the return overnight"),
 )  # fmt: skip
 _COUNTED = (
-    "; the axis moves by the smaller angle between instants of a day, and its angle may exceed a full turn; "
+    "; the axis moves by the smaller angle between successive instants, and its angle may exceed a full turn; "
     "overnight the axis may rotate back by whole turns, so the range is the smallest range that contains all days"
 )
 #: Variables that describe the motion of the mount axes over the period.
