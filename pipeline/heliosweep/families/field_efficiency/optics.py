@@ -158,7 +158,7 @@ class Receiver(ReceiverPoint):
         """Check that each key applies to this kind of receiver."""
         wanted = {None: (), "cylinder": ("radius", "height_extent")}.get(self.kind, ("width", "height_extent"))
         known = wanted if self.kind in (None, "cylinder") else (*wanted, "azimuth", "tilt")
-        of = f"is not used for a receiver of kind {self.kind}" if self.kind else "needs 'kind' of the receiver"
+        of = f"is not used for a receiver of kind {self.kind}" if self.kind else "needs 'receiver.kind'"
         missing = f"is missing: a receiver of kind {self.kind} needs it, in m"
         return when(
             *((key not in known and getattr(self, key) is not None, Fault(f"{of}; remove it", (key,)))
@@ -297,7 +297,7 @@ class Optics(Block):
         Numbers("Cleanliness in each month, instead of 'cleanliness'", "1", MONTHS, ge=0, le=1),
     ] = None
     soiling: Annotated[
-        Soiling | None, Field(description="Soiling between washings; one minus its mean is multiplied by 'cleanliness'")
+        Soiling | None, Field(description="Soiling between washings, which further reduces 'cleanliness'")
     ] = None
     attenuation: Annotated[
         str | Sweep,
@@ -347,7 +347,7 @@ class Optics(Block):
     slope_map: Annotated[
         str | Sweep | None,
         FileName("Measured slopes of a mirror or facet. One map for all heliostats: CSV table with x, y in m and "
-                 "slope_x, slope_y in mrad, backward_gazing result, or SOFAST HDF5 file. Separate maps for "
+                 "slope_x, slope_y in mrad, backward_gazing result, or SOFAST HDF5 file. Maps for several "
                  "heliostats: NetCDF file with a dimension heliostat, or PAINT HDF5 file; the slope error applies "
                  "to heliostats without a map",
                  title="slope map"),

@@ -253,7 +253,7 @@ def motion(angle: Floats, course: NDArray[np.int64], hours: Floats) -> tuple[flo
     rate : float
         Maximum absolute rate; NaN if no course contains two instants. [deg/h]
     travel : float
-        Sum of the absolute changes within the courses, excluding the return overnight. [deg]
+        Sum of the absolute changes within the courses, excluding the overnight return. [deg]
     """
     known = np.flatnonzero(np.isfinite(angle))
     if not known.size:

@@ -122,7 +122,7 @@ _MOTION = (
     ("rate", "maximum rate of the {} over the period", "degree h-1",
      "; change between two successive instants of a day divided by the time between them"),
     ("travel", "total travel of the {} over the period", "degree",
-     "; sum of the absolute changes between successive instants of a day, without the return overnight"),
+     "; sum of the absolute changes between successive instants of a day, excluding the overnight return"),
 )  # fmt: skip
 _COUNTED = (
     "; the axis moves by the smaller angle between successive instants, and its angle may exceed a full turn; "
@@ -271,7 +271,7 @@ def rows(optics: bool, directions: bool, mean: str, constant: frozenset[str] = f
            f"mean {words} of the field at each instant", f"{comment}; missing at night", _AREA)
           for name, (words, comment) in series.items()),
         ("field weather", "dni", "time", False, "W m-2", "direct normal irradiance",
-         "mean over the interval of the instant; 0 with the sun down"),
+         "mean over each time interval; 0 with the sun down"),
         ("field", "sun_azimuth", "time", False, "degree", "azimuth of the sun, clockwise from north",
          "missing at night"),
         ("field", "sun_elevation", "time", False, "degree", "geometric elevation of the sun", "missing at night"),
