@@ -169,7 +169,7 @@ def test_outages_of_array_functions():
     assert heliosweep.availability(hours, 1.0, ["2020-12-01"], ["2021-02-01"]).sum() == 8760 - 31 * 24
     with pytest.raises(ValueError, match="overlap"):
         heliosweep.availability(hours, 1.0, ["2020-12-01", "2021-01-03"], ["2021-02-01", "2021-01-05"], yearly=True)
-    with pytest.raises(ValueError, match="later"):
+    with pytest.raises(ValueError, match="must end after its start"):
         heliosweep.availability(hours, 1.0, ["2020-12-02"], ["2020-12-01"])
 
 
