@@ -56,6 +56,7 @@ if (kind === 'curves' || kind === 'plane') {
   }
 }
 const known = values.filter(Number.isFinite);
-const range = known.length ? `${words(Math.min(...known), quantity.unit)} to ${words(Math.max(...known), quantity.unit)}` : 'no value';
+let range = known.length ? `${words(Math.min(...known), quantity.unit)} to ${words(Math.max(...known), quantity.unit)}` : 'no value';
 const where = Object.entries(selects).filter(([dim, select]) => select.visible).map(([dim]) => dims[dim].texts[at[dim]]);
+if (kind === 'plane' && known.length) range = `up ${range}`;
 told.text = [where.join(', '), range].filter(Boolean).join(': ').replaceAll('<', '&lt;');
