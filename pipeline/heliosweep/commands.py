@@ -242,7 +242,7 @@ def _electricity(options: argparse.Namespace) -> list[Path | str]:
         cost = "no cost: the plant consumes more than it generates; SAM's receiver needs a larger field to start"
     return [
         f"electricity: {number['electricity']:,.0f} MWh, {cost}",
-        f"turbine: {number['turbine_power']:,.1f} MW, capacity factor {number['capacity_factor']:.1%}",
+        f"turbine: {number['turbine_power']:,.1f} MW gross, capacity factor {100 * number['capacity_factor']:.1f} %",
         f"receiver heat: {float(year.receiver_heat.mean()) * 8760:,.0f} MWh with start-up and full storage, "
         f"{number.get('field_heat', number['field_receiver_energy']):,.0f} MWh in the study",
         file,
