@@ -111,7 +111,7 @@ def test_closure_finds_the_shift_of_the_sun(checked, minutes, said):
     assert bool(notes) == bool(said)
     assert not said or re.search(said, notes[-1])
     if "give" in said:
-        assert "real.csv: GHI = DHI + DNI cos z holds within 0.1% of GHI with the sun " in notes[-1]
+        assert "real.csv: GHI = DHI + DNI cos z holds within 0.1 % of GHI with the sun " in notes[-1]
         key, value = re.search(r"weather\.(\w+): ([-\w.]+),", notes[-1]).groups()  # type: ignore[union-attr]
         assert checked(REAL_SITE, CLOCK, f"weather: {{file: real.csv, {key}: {value}}}").notes() == []
 

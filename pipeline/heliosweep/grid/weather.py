@@ -311,9 +311,10 @@ def _closure(file: WeatherFile, rows: NDArray[np.bool_], sun: NDArray[np.float64
         remedy = f"give weather.{f'label: {label}' if label else f'offset: {target:.2f}'}, or check the time zone"
         if abs(minutes) == 60 and errors[best] > CLOSURE_ERROR:
             remedy = "check the time zone and the site"
+        found, used = 100 * errors[best], 100 * now  # [%]
         yield (
-            f"GHI = DHI + DNI cos z holds within {errors[best]:.1%} of GHI with the sun {abs(minutes)} min "
-            f"{'later' if minutes > 0 else 'earlier'}, and within {now:.1%} with the times in the file: {remedy}"
+            f"GHI = DHI + DNI cos z holds within {found:.1f} % of GHI with the sun {abs(minutes)} min "
+            f"{'later' if minutes > 0 else 'earlier'}, and within {used:.1f} % with the times in the file: {remedy}"
         )
 
 

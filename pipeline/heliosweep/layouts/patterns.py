@@ -422,7 +422,8 @@ PATTERNS: Mapping[str, Callable[..., Layout]] = {"radial_stagger": radial_stagge
 
 def _check_count(count: float, key: str, most: int = MOST_PLACES) -> None:
     if count > most:
-        raise StudyError(Problem(f"the field would have more than {most:,} positions: reduce its area", key))
+        message = f"the field would have more than {most:,} positions: reduce its area or the number of heliostats"
+        raise StudyError(Problem(message, key))
 
 
 def _cut(
