@@ -143,6 +143,11 @@ def test_page_is_complete_and_well_formed(whole):
     assert len(page.all("li")) == 1
 
 
+def test_a_quoted_identifier_is_a_link_without_its_quotes():
+    link = '<a href="https://doi.org/10.1000/a">doi:10.1000/a</a>'
+    assert page.linked('"doi:10.1000/a" & more') == f"&#34;{link}&#34; &amp; more"
+
+
 def test_words_never_become_markup_and_nothing_is_fetched(whole):
     text = whole.read_text(encoding="utf-8")
     page = Page(text)

@@ -338,8 +338,8 @@ def _with_error(value: float, error: float) -> str:
     return f"{number_text(value, decimals)} \N{PLUS-MINUS SIGN} {number_text(error, decimals)}"
 
 
-#: Regular expression for a digital object identifier with its prefix.
-DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;]*[^\s,;.)])", re.IGNORECASE)
+#: Regular expression for a digital object identifier with its prefix, in plain or escaped text.
+DOI = re.compile(r"\b(?:https?://(?:dx\.)?doi\.org/|doi:?\s*)(10\.\d{4,9}/[^\s,;&<>\"]*[^\s,;&<>\".)])", re.IGNORECASE)
 
 
 def references(result: xr.Dataset) -> list[str]:
