@@ -551,7 +551,7 @@ class Aim(Block):
                 "centre": "the centre of the receiver; on a cylinder, the point at mid-height that faces the heliostat",
                 "spread": "several levels of the receiver, assigned cyclically around the tower",
                 "layout": "the points aim_x, aim_y, aim_z of the layout [m]",
-                "flux_limit": "points on a grid, chosen to maximise the power under a flux limit; heliostats may be stowed",
+                "flux_limit": "grid points that maximise the power under a flux limit; heliostats may be stowed",
             },
             sweep=False,
         ),

@@ -131,8 +131,8 @@ _COUNTED = (
 #: Variables that describe the motion of the mount axes over the period.
 MOTION = tuple(f"{name}_{what}" for name in ANGLES for what, *_ in _MOTION)
 _IMAGES = (
-    "outlines of the shadows (shading) or of the areas hidden from the receiver (blocking) on a mirror, in descending order "
-    "of area"
+    "outlines of the shadows (shading) or of the areas hidden from the receiver (blocking) on a mirror, in descending "
+    "order of area"
 )
 
 
