@@ -13,8 +13,8 @@ Both mounts point the normal along n = unit(s + r), where r and s are the direct
 - azimuth-elevation: the primary angle is the azimuth of n, clockwise from north, and the secondary angle is the
   elevation of n;
 - spinning-elevation: the primary angle is the spin about r. The spin is 0 if the sun is above r in the vertical plane
-  containing r, and positive if the sun is to the right of this plane, seen from the heliostat. The secondary angle is the
-  tilt of n from r, which is the angle of incidence (Chong and Tan 2012, Section 2.1).
+  containing r, and positive if the sun is to the right of this plane, seen from the heliostat. The secondary angle is
+  the tilt of n from r, which is the angle of incidence (Chong and Tan 2012, Section 2.1).
 """
 
 from __future__ import annotations
