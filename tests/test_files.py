@@ -31,6 +31,7 @@ def test_only_what_a_dead_process_of_this_machine_left_is_removed(tmp_path, monk
             f".result.nc.{host}.word-0.part", "result.nc"}  # fmt: skip
     for name in (*kept, own, own.replace(f".{os.getpid()}-", f".{dead}-")):
         (tmp_path / name).touch()
+    (tmp_path / f".result.zarr.{host}.{dead}-0.part" / "utc").mkdir(parents=True)  # of version 0.1
     remove_leftovers(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == kept
 

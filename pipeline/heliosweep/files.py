@@ -196,7 +196,10 @@ def remove_leftovers(folder: Path) -> None:
     for path in folder.glob(f".*.{platform.node()}.*-*.part"):
         pid = path.name.split(".")[-2].partition("-")[0]
         if pid.isdecimal() and (int(pid) == os.getpid() or not psutil.pid_exists(int(pid))):
-            path.unlink(missing_ok=True)
+            if path.is_dir():  # a Zarr store that version 0.1 left
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
 
 
 class _LibraryLock:
