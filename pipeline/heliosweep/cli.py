@@ -182,7 +182,7 @@ COMMANDS: dict[str, Command] = {
         ("my_field.yaml -o numbers.xlsx", "outputs/first -o table.csv --variable field_optical_efficiency"),
     ),
     "convert": Command(
-        "convert the layout of a study, result, file or PAINT folder to SolarPILOT or CSV format",
+        "convert a layout to SolarPILOT or CSV format, a PAINT folder to a study, or a calibration to corrections",
         (
             _argument("source", metavar="STUDY.yaml|FIELD.csv|DIR"),
             _argument(

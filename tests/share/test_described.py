@@ -71,7 +71,7 @@ def test_without_people_and_licence_it_is_a_draft(folders, tmp_path, caplog):
     creators, licence = str(caught.value).splitlines()
     assert "needs 'dataset.creators'; add it to the study and run the study again" in creators
     assert "'dataset.license', or --license CC-BY-4.0" in licence
-    assert licence.endswith("or pack a --draft")
+    assert licence.endswith("or use --draft")
     with pytest.raises(StudyError) as caught:
         pack_result(folders["nameless"], tmp_path / "a.zip", license="CC0-1.0")
     assert "license" not in str(caught.value).split(";")[0]

@@ -235,7 +235,7 @@ def _licence(place: Path, study: Study, given: str | None, draft: bool) -> str:
         *([] if study.dataset and study.dataset.creators else ["'dataset.creators'"]),
         *([] if chosen else ["'dataset.license', or --license CC-BY-4.0"]),
     ]
-    remedy = "add it to the study and run the study again, or pack a --draft"
+    remedy = "add it to the study and run the study again, or use --draft"
     if missing and not draft:
         raise StudyError([Problem(f"a published archive needs {key}; {remedy}", file=str(place)) for key in missing])
     for key in missing:
