@@ -312,7 +312,8 @@ class Table:
         width = len(self.header)
         for row, cells in enumerate(self._rows):
             if len(cells) != width:
-                self.add(f"has {len(cells)} fields, but the header has {width}", row)
+                remedy = ": write decimal points, and quotes around texts with separators" * (len(cells) > width)
+                self.add(f"has {len(cells)} fields, but the header has {width}{remedy}", row)
         self._kept = [row for row, cells in enumerate(self._rows) if len(cells) == width]
 
     def texts(self, key: str) -> list[str]:
