@@ -150,6 +150,8 @@ def _plot(result: xr.Dataset, figure: Figure) -> tuple[Any, CustomJS] | None:
     script = resources.files("heliosweep.report").joinpath("templates/plot.js").read_text("utf-8")
     callback = CustomJS(args=arguments, code=script)
     look = ".bk-input { background-color: var(--paper); color: var(--ink); border-color: var(--quiet); }"
+    # The arrow of the browser is visible in dark mode, unlike Bokeh's black arrow.
+    look += " select.bk-input:not([multiple]):not([size]) { appearance: auto; background-image: none; padding: 0 4px; }"
     for widget in (choose, *selects.values()):
         widget.js_on_change("value", callback)
         widget.update(width=165, stylesheets=[look])
