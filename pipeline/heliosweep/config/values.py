@@ -744,11 +744,13 @@ class Quantity(Parameter):
             "start": self._one,
             "stop": self._one,
             "num": int,
-        }  # it is sufficient to check both ends, because a range is monotonic
+        }  # it is sufficient to check the bounds at both ends, because a range is monotonic
         geometric = partial(read_mapping, readers=ends, required=(), form="")
         read_mapping(sweep.form, {**ends, "logspace": geometric}, (), "")
         whole = not self.integer or not (sweep.values() % 1).any()
         require(whole, "the values of the range must be whole numbers", show_value=False)
+        allowed = not self.only or {*sweep.values().tolist()} <= {*self.only}
+        require(allowed, f"the values of the range must be {self.bounds()}", show_value=False)
         return sweep
 
     def _drawn(self, raw: Any) -> Any:
