@@ -30,7 +30,7 @@ def test_a_failing_report_leaves_the_result_and_says_so(tmp_path, monkeypatch, c
     assert "Traceback" not in told
     said = f"the result is complete, but the report failed ({type(error).__name__}: {error}); "
     advice = {OSError: "fix this, then run: heliosweep report 'a result'"}
-    blame = "please report this error with the output of --verbose; --no-report omits the page"
+    blame = "please report this error and include the output of --verbose; --no-report omits the page"
     last = advice.get(type(error), blame)
     assert told.strip().splitlines()[-1] == said + last
     assert main(["report", "a result"]) == 1

@@ -69,7 +69,7 @@ def test_a_page_over_two_results(pair, tmp_path):
     assert came[4:] == ["+5", "%"]
     alts = [image["alt"] for image in shown.all("img")]
     assert any("Difference of the mean optical efficiency" in alt for alt in alts)
-    assert any("over the latitude" in alt for alt in alts)
+    assert any("against the latitude" in alt for alt in alts)
     assert heliosweep.comparison_page(pair, page, force=True).read_text(encoding="utf-8") == text
 
 

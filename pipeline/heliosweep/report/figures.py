@@ -505,7 +505,7 @@ def default_figures(result: xr.Dataset) -> Iterator[Figure]:
     for dim in result.sizes:
         if str(dim) not in (*PIXELS, *NAMES) and is_ordered(result, str(dim)) and result.sizes[dim] > 1:
             title = head_of(result[dim]) if dim in result.coords else str(dim).replace("_", " ")
-            yield Curves(f"over_{dim}", f"Results over {title}", whole or flat, over=[str(dim)])
+            yield Curves(f"over_{dim}", f"Results against {title}", whole or flat, over=[str(dim)])
 
 
 def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable[str]) -> list[Figure]:
@@ -523,7 +523,7 @@ def with_heat_map(result: xr.Dataset, figures: Iterable[Figure], names: Iterable
         return declared
     same = [name for name in known if set(long) <= set(result[name].dims)]
     same = [name for name in same if float(result[name].max()) > float(result[name].min())][:3]
-    title = f"{capital(title_of(result[known[0]]))} over {' and '.join(head_of(result[dim]) for dim in long)}"
+    title = f"{capital(title_of(result[known[0]]))} against {' and '.join(head_of(result[dim]) for dim in long)}"
     return [Grids("heat_map", title, same, over=long), *declared]
 
 

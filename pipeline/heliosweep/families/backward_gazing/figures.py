@@ -83,19 +83,19 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
     lines = (METHOD, REFERENTIAL)
     for dim in numbers:
         words = Context(result).title(dim)
-        yield Curves(f"errors_over_{dim}", f"Mean slope error of a module over {words}", relative, over=(dim,),
+        yield Curves(f"errors_over_{dim}", f"Mean slope error of a module against {words}", relative, over=(dim,),
                      lines=lines, panels=(PROFILE,), bands=bands, at=at, looks=_LOOKS, notes=spread)  # fmt: skip
-        yield Curves(f"rms_errors_over_{dim}", f"Scatter of the pixel slopes over {words}, and its lower bound",
+        yield Curves(f"rms_errors_over_{dim}", f"Scatter of the pixel slopes against {words}, and its lower bound",
                      rms, over=(dim,), lines=lines, at=at, looks=_LOOKS, reduce=seeds)  # fmt: skip
         names = ("usable_fraction", "lit_cameras")
         yield Curves(f"sight_over_{dim}",
-                     f"Fractions of pixels with slopes and of cameras that see the sun, over {words}", names,
+                     f"Fractions of pixels with slopes and of cameras that see the sun, against {words}", names,
                      over=(dim,), lines=(MODULE,), at=at, reduce=dict.fromkeys(SEEDS, "mean"))  # fmt: skip
     if len(numbers) > 1:
         chosen = (*rms[:2], "usable_fraction")
         yield Grids("accuracy", "Slope scatter of a module, and fraction of pixels with slopes", chosen,
                     over=numbers[:2], at=at, reduce=seeds)  # fmt: skip
-    yield Curves("sun_profile", "Brightness of the sun over the distance from the disc centre, with the "
+    yield Curves("sun_profile", "Brightness of the sun against the distance from the disc centre, with the "
                                 "fit of Jose's formula",
                  ("sun_brightness", "sun_formula"), over=("disc_fraction",), lines=(PROFILE,))  # fmt: skip
     error = ("slope_rms_x", "slope_rms_y", "canting_rms_x", "canting_rms_y", "cramer_rao_bound_x", "incidence")

@@ -32,7 +32,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
     for dim in sorted(swept, key=lambda dim: (dim != DIRECTION, dim in _OFFSETS)):
         directions = f"{_FACTOR}_mean_over_directions"
         if is_ordered(result, dim):
-            title = f"Effective tracking factor over {Context(result).title(dim)}, {when}"
+            title = f"Effective tracking factor against {Context(result).title(dim)}, {when}"
             lines = ("site", "latitude", "axis_tilt", *_OFFSETS) if dim == DIRECTION else (DIRECTION, *places)
             yield Curves(
                 f"factor_over_{dim}", title, (factor, "energy_loss", *others), over=(dim,), lines=lines, at=_TYPICAL,
@@ -47,9 +47,9 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
     first = next((dim for dim in (DIRECTION, *swept) if dim in swept and is_ordered(result, dim)), "none")
     by_mount: dict[str, Any] = {"lines": lines, "at": _TYPICAL}
     yield from (
-        Grids("latitude_map", f"Effective tracking factor over latitude and tilt direction, {when}",
+        Grids("latitude_map", f"Effective tracking factor against latitude and tilt direction, {when}",
               (factor, f"{_FACTOR}_min"), over=("latitude", DIRECTION), at=_TYPICAL, notes=_DIRECTION),
-        Grids("tracking_errors", f"Tracking error over the home position offsets, {when}",
+        Grids("tracking_errors", f"Tracking error against the home position offsets, {when}",
               errors, over=_OFFSETS, at=_TYPICAL),
         Curves("factor_over_year", "Effective tracking factor on each date", (_FACTOR,), over=("date",),
                panels=places, **by_mount),

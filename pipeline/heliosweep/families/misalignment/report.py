@@ -228,7 +228,7 @@ def _field(result: xr.Dataset) -> list[Figure]:
         *(
             Curves(
                 f"hits_over_{dim}",
-                f"Hit fraction and tolerance over {Context(result).title(dim)}",
+                f"Hit fraction and tolerance against {Context(result).title(dim)}",
                 ("day_hit_fraction", "hit_fraction", "minimum_tolerance"),
                 over=(dim,),
                 lines=("axis", *words, *DAYS, HELIOSTAT),
