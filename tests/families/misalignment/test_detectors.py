@@ -51,6 +51,11 @@ def test_errors_are_recovered_exactly_and_the_loop_leaves_nothing(kind, paramete
     assert (result.round_hit_fraction.sel(round=1) == 1).all()
 
 
+def test_remarks_name_the_limit_of_the_condition_number_that_the_study_gives():
+    said = " ".join(remarks(computed({"condition_limit": 1.5})))
+    assert "a condition number above 1.5 (up to " in said
+
+
 DRAWN = {name: {"normal": [0, 2]} for name in ERRORS[:4]} | {"samples": 150, "seed": 3}
 
 

@@ -113,7 +113,7 @@ SIGHT = {
     NEITHER: "no_trace_crosses_an_array",
     NO_LIGHT: "no_sun_or_no_way_to_aim_or_mirror_behind_the_plane",
 }
-#: Default values of keys that the study may omit.
+#: Default values of the keys of `detectors` that a study may omit.
 DEFAULTS: dict[str, Any] = {"pitch": 0.0, "noise": 0.0, "parameters": 4, "correction": "mount"}
 _SIDES = SIDES | {"z": _WHERE["z"]}
 
@@ -472,28 +472,39 @@ def _measured(point: Point, scene: Scene, options: dict[str, Any]) -> tuple[Valu
         single[name] = 1e3 * rms(squares, found.counted)
         single[name.replace("beam", "held_out")] = 1e3 * rms(squares, held & np.isfinite(squares))
     if block.window is not None:
-        length, windows = np.timedelta64(round(block.window * 86400e9), "ns"), []
-        for begin in periods(point.study, point.inputs):
-            inside = (utc >= begin) & (utc < begin + length)
-            made = fit(mounts, observed._replace(weight=np.where(inside, observed.weight, 0.0)), **options)
-            usable = np.isin(made.status, KNOWN)[:, np.newaxis]
-            both = made.estimate, np.sqrt(np.diagonal(made.covariance, axis1=1, axis2=2))
-            windows.append((*(np.where(usable, 1e3 * each, np.nan) for each in both), made.used))
-        error, spread, used = (np.stack(each) for each in zip(*windows, strict=True))
-        changes = error_changes(error, spread, 2 * used - options["parameters"])
-        of_period = {
-            "period_error": error,
-            "period_standard_error": spread,
-            "period_spots": used,
-            "period_change": changes["change"],
-            "period_change_error": changes["change_error"],
-            "drift": changes["changed"],
-        }
-        single |= {name: np.swapaxes(np.asarray(each), 0, 1) for name, each in of_period.items()}
+        single |= _in_windows(mounts, observed, utc, periods(point.study, point.inputs), block.window, options)
     single |= by_axis("residual_%", found.residual, -1, "yz") | by_axis("spot_%_before", before, -1, "yz")
     single |= by_axis("spot_%_after", found.left_out, -1, "yz")
     values, known = estimates(found._replace(status=status), 1, "spot")
     return values | {name: array[:, None] for name, array in single.items()}, known
+
+
+def _in_windows(
+    mounts: Mounts, observed: Observed, utc: NDArray[np.datetime64], starts: NDArray[np.datetime64], days: float,
+    options: dict[str, Any],
+) -> Values:  # fmt: skip
+    """Estimate the mount errors from the spots in each time window, and their changes since the first estimate.
+
+    The arrays have the shape (H, periods, ...).
+    """
+    length, windows = np.timedelta64(round(days * 86400e9), "ns"), []
+    for start in starts:
+        inside = (utc >= start) & (utc < start + length)
+        fitted = fit(mounts, observed._replace(weight=np.where(inside, observed.weight, 0.0)), **options)
+        usable = np.isin(fitted.status, KNOWN)[:, np.newaxis]
+        each = fitted.estimate, np.sqrt(np.diagonal(fitted.covariance, axis1=1, axis2=2))
+        windows.append((*(np.where(usable, 1e3 * values, np.nan) for values in each), fitted.used))
+    error, spread, used = (np.stack(each) for each in zip(*windows, strict=True))
+    changes = error_changes(error, spread, 2 * used - options["parameters"])
+    found = {
+        "period_error": error,
+        "period_standard_error": spread,
+        "period_spots": used,
+        "period_change": changes["change"],
+        "period_change_error": changes["change_error"],
+        "drift": changes["changed"],
+    }
+    return {name: np.swapaxes(np.asarray(each), 0, 1) for name, each in found.items()}
 
 
 def _angles(mounts: Mounts, position: Floats, residual: Floats) -> Floats:
@@ -599,7 +610,7 @@ def detectors_work(study: MisalignmentStudy) -> Computation:
             {0: "no", 1: "misses"},
         ),
     }
-    found |= estimate_variables("crossing", not measured)
+    found |= estimate_variables("crossing", not measured, block.condition_limit)
     meaning = "measured minus predicted crossing, along the array"
     residual = quantity((*lead, "spot"), "m", meaning, "in the order of the file")
     meaning = "deviation of the mirror from its command about the % axis, estimated from the crossings at one instant"
