@@ -50,8 +50,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heliosweep.kernels.compiled import Floats, Integers, inline
-from heliosweep.kernels.profiles import Profile, normal_draws, render
+from heliosweep.kernels.compiled import Floats, Integers, inline, kernel
+from heliosweep.kernels.profiles import Profile, normal_draws, rendered
 
 #: Indices of the referentials in the array that `transfers` returns.
 NONE, ROLL, EXACT = 0, 1, 2
@@ -523,7 +523,16 @@ def image_set(
     depth = np.sqrt(radius * radius - away[0] * away[0] - away[1] * away[1])
     normals = away / depth + (0.0 if wavy is None else wavy)
     v, w, *_ = offsets(layout, np.stack((ball_x - depth, *grid.pixels)), *normals)
-    return render(profile, np.sqrt(v * v + w * w)), normals - ideal_mirror(layout.focal_length, *grid.pixels)[1:]
+    return _render(profile, v * v + w * w), normals - ideal_mirror(layout.focal_length, *grid.pixels)[1:]
+
+
+@kernel
+def _render(profile: Profile, squares: Floats) -> Floats:
+    """Return the brightness of the disc at squared angles from its centre [rad^2], with the shape of `squares`. [1]"""
+    out = np.empty(squares.size)
+    for k, square in enumerate(squares.flat):
+        out[k] = rendered(profile, square)
+    return out.reshape(squares.shape)
 
 
 def expose(images: Floats, noise: float = 0.0, bits: int = 0, seed: int = 0, *, pinhole: bool = False) -> Floats:
@@ -633,7 +642,7 @@ def camera_set(
             if mirror.waves:
                 slopes = slopes + _between(*mirror.waves[m], own)
             y, z, *_ = mirror_offsets(*slopes, *-ray, layout.sun_y, layout.sun_z)
-            image[here][inside], nearest[here][inside] = render(profile, np.sqrt(y * y + z * z)), path
+            image[here][inside], nearest[here][inside] = _render(profile, y * y + z * z), path
     return images.reshape(len(images), shape[0], supersampling, shape[1], supersampling).mean(axis=(2, 4))
 
 
