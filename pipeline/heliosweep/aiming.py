@@ -409,7 +409,7 @@ def flux_limited_aims(
     limit : float or array, shape (rows of cells,) or (rows of cells, columns of cells)
         Maximum flux in each cell, with rows of cells from the bottom up. [kW m-2]
     rows, columns : int
-        Numbers of rows and columns of aim points at the centres of equal receiver cells.
+        Numbers of rows and columns of aim points. The aim points are the centres of equal cells of the receiver.
     azimuth_span : float
         Angle spanned by the columns of aim points on a cylinder, centred on the point nearest to the heliostat. [deg]
     aims : array, shape (A, 3) or (A, N, 3), optional

@@ -514,13 +514,13 @@ class RadialStagger(Block):
         str | Sweep | None,
         Choice(
             (
-                "Rule for the distances between rings and between neighbours, which increase with the distance from "
-                "the tower"
+                "Rule by which the distances between rings and between neighbours increase with the distance from the "
+                "tower"
             ),
             {
                 "delsol": "the empirical spacing of DELSOL3 (Kistler 1986)",
-                "no_blocking": "rings as close as possible without blocking by the heliostat in front at the same "
-                "azimuth",
+                "no_blocking": "rings as close together as possible without blocking between heliostats at the "
+                "same azimuth",
             },
             title="spacing of the rings",
         ),

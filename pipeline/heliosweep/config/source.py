@@ -39,7 +39,7 @@ _NUMBERS: tuple[tuple[re.Pattern[str], Any], ...] = (
     (re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"), lambda text: float(text.replace(".", ""))),
 )
 #: Hint for Windows paths in double quotes.
-ESCAPED = "; in double quotes, a backslash starts an escape sequence: use '/' between folders"
+ESCAPED = "; in double quotes, a backslash starts an escape sequence: in paths, use '/'"
 
 
 class Place(NamedTuple):

@@ -166,7 +166,7 @@ def read_items(raw: Sequence[Any], read: Callable[[Any], Any], repeats: bool = F
 
 
 def read_range(raw: Any, number: ReadNumber, geometric: bool = False) -> Sweep:
-    """Read a range. `number` converts a single number. Raises Invalid with each fault at its key."""
+    """Read a range. `number` converts a single number. Raises Invalid, with one fault for each invalid key."""
     if not geometric and "logspace" in raw:
         inner = {"logspace": partial(read_range, number=number, geometric=True)}
         return cast("Sweep", read_mapping(raw, inner, ("logspace",), _FORMS)["logspace"])

@@ -510,7 +510,7 @@ def _aim(frames: Floats, to_target: Floats, sun: Floats, errors: Floats, offsets
 
 @kernel
 def _stand(frames: Floats, to_target: Floats, angles: Floats, errors: Floats, offsets: Floats, made: Floats) -> None:
-    """Write the vectors of `Stand` for N mounts; `frames` has shape (N, 9)."""
+    """Compute the `Stand` vectors of N mounts and store them in `made`; `frames` has shape (N, 9)."""
     for i in range(len(made)):
         frame = three(frames[i, 0:3]), three(frames[i, 3:6]), three(frames[i, 6:9])
         mount, g, a = mount_of(six(errors[i]), frame, three(to_target[i]), three(offsets)), angles[i, 0], angles[i, 1]

@@ -774,7 +774,7 @@ def trace(
     # With more parts than threads, all threads finish at nearly the same time.
     threads = 1 if cuda else threads
     parts = min(threads if threads == 1 else 4 * threads, -(-(stop - start) // 16), stop - start)
-    parts = max(parts, (stop - start) // 64) if images else parts  # limit the memory of the images
+    parts = max(parts, (stop - start) // 64) if images else parts  # limit the memory for the images
     edges = np.linspace(start, stop, max(parts, 1) + 1).astype(int)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         flux, whole = np.zeros((REPLICATES, *(cells or (0, 0))), np.int64), np.zeros((REPLICATES, instants, QUANTITIES))

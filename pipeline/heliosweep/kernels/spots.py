@@ -28,8 +28,8 @@ centre p relative to the aim point and the reflected ray R, the homogeneous coor
 The spot lies on the line l0 y + l1 z = l2 if g = l2 W - l0 U - l1 V = 0; the four edges of the aperture are the lines
 (1, 0, w), (-1, 0, w), (0, 1, h), (0, -1, h). The values of g for the four edges are positive as long as the spot is
 inside the aperture. The sum of g for the first two edges is 2 w W, which implies W > 0. The tolerance is therefore the
-minimum magnitude of all positive and negative roots of the four functions g, and no scan of errors is needed. The
-mirror must be lit at this root, S.n > 0.
+minimum magnitude of all positive and negative roots of the four functions g, and no scan of errors is needed. Only
+roots at which the mirror is lit (S.n > 0) are considered.
 
 If the mirror centre is fixed and the axis a is in the mirror, R(eps) = Rot(a, 2 eps) R(0). Because g is linear in R,
 g = c0 + c1 cos 2 eps + c2 sin 2 eps. The roots of g are

@@ -1,4 +1,4 @@
-"""Heliostat layouts: positions and properties of the heliostats in a fixed order, and checks before a run.
+"""Heliostat layouts: positions and properties of an ordered list of heliostats, and the checks made before a run.
 
 A CSV table contains one row per heliostat. Tables from SolarPILOT, OpenCSP and solsticepy can also be read. The
 header is the first line with titles for ``x`` and ``y`` (``Pos-x``, ``X Position (m)``, ...). Lines before the header,

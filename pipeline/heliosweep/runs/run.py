@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 #: Maximum number of attempts to compute a chunk.
 TRIES = 2
 #: Hint in messages about failed worker processes.
-_GUARD = 'a script must call the functions that run studies below `if __name__ == "__main__":`'
+_GUARD = 'in a script, calls that run studies must be inside an `if __name__ == "__main__":` block'
 
 
 class Workers(ExitStack):
@@ -188,7 +188,7 @@ def connected(execution: Execution, workers: int) -> Iterator[Client]:
             problem = f"no dask scheduler answers at {address}; start it with: dask scheduler ({error})"
             raise StudyError(Problem(problem, "execution.scheduler")) from None
         except RuntimeError as error:
-            raise HeliosweepError(f"the workers do not start ({str(error).splitlines()[0]}); {_GUARD}") from None
+            raise HeliosweepError(f"the workers did not start ({str(error).splitlines()[0]}); {_GUARD}") from None
         if client.dashboard_link:
             log.info("dashboard: %s", client.dashboard_link)
         yield client

@@ -205,7 +205,7 @@ def write_corrections(
     result : xarray.Dataset
         Result of the family `misalignment` with estimated errors.
     path : path
-        CSV file to write atomically.
+        Output CSV file, written atomically.
     select : mapping of str to value, optional
         Value along each dimension that distinguishes calibrations, such as ``{"parameters": 4}``.
     force : bool
@@ -474,7 +474,7 @@ def write_csv(
     result : xarray.Dataset
         Result from `open_result` or `build`, or a part of it.
     path : path
-        CSV file to write atomically. The header includes units, such as ``x [m]``. Numbers are written with all digits.
+        Output CSV file, written atomically. The header includes units, such as ``x [m]``. Numbers are written with all digits.
     variables : str or sequence of str, optional
         As in `to_frame`.
     force : bool

@@ -19,7 +19,8 @@ efficiency only by the direct irradiance, the mirror area and the hourly availab
 number, width and height of the mirrors and ``dens_mirror``. The table must therefore include reflectivity, soiling,
 attenuation, intercept and the absorptance of the receiver. A study with `optics` includes all of these factors except
 the absorptance. Without `optics`, the table contains only cosine, shading and blocking. The argument `factor` is the
-product of the missing factors. SAM's generic solar field multiplies by its own optical factors.
+product of the missing factors. SAM's generic solar field also multiplies the efficiency by its own
+optical factors.
 """
 
 from __future__ import annotations
@@ -219,7 +220,7 @@ def write_table(
         Table from `efficiency_table` or `flux_maps`. Flux maps require the format ``tower``. Their rows contain no
         angles and have the same order as the rows of the efficiency table.
     path : path
-        CSV file to write atomically.
+        Output CSV file, written atomically.
     form : {"tower", "generic", "solarpilot"}
         Format for SAM's molten-salt power tower, for SAM's generic solar field, or for SolarPILOT. For sun directions
         below the horizon, the format ``tower`` contains no rows, and the other formats contain zeros.

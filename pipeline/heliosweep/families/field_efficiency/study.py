@@ -132,8 +132,8 @@ def keep_faults(study: FieldEfficiencyStudy) -> Iterator[Fault]:
     if keep is None:
         return iter(())
     message = (
-        "needs a period at a site to rank heliostats: run such a study first; 'heliosweep table DIR' then "
-        "uses the kept heliostats"
+        "cannot be used with 'clock: sun', because heliostats are ranked over a period: run a study of a period with "
+        "'keep' first; 'heliosweep table DIR' of its result uses the kept heliostats"
     )
     if isinstance(study.time, SunDirections):
         return iter((Fault(message, ("keep",), show_value=False),))

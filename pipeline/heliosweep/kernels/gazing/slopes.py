@@ -162,7 +162,7 @@ def fit_slopes(
         enough = 1e-5 if n + 1 < len(stages) else 1e-8 if stage.table.size > 0 else 1e-11
         kind = method == "O1", method == "LM"
         _fit(*kind, layout, stage, brightnesses, places, threshold, fit_gain, enough, limit, fit, evaluations, flags)
-        if n == 0:  # noise in a table changes its gradient
+        if n == 0:  # the bound is that of the smooth fit, because noise in a table distorts its gradient
             deviation = fit[2:4].copy()
     return SlopeFit(fit[:2], deviation, fit[4], fit[5], evaluations, flags)
 
@@ -454,7 +454,7 @@ def slope_bound(
         Scene with K cameras.
     profile : Profile
         Sun profile used in the reconstruction. For a table, the bound is computed from the smooth fit to the table, as
-        in `fit_slopes`, because noise changes the gradient between the nodes.
+        in `fit_slopes`, because noise in the table distorts the gradient between the nodes.
     pixels : ndarray, shape (2, N)
         Coordinates y and z of the pixels. [m]
     slopes : ndarray, shape (2, N)
