@@ -474,7 +474,8 @@ def write_csv(
     result : xarray.Dataset
         Result from `open_result` or `build`, or a part of it.
     path : path
-        Output CSV file, written atomically. The header includes units, such as ``x [m]``. Numbers are written with all digits.
+        Output CSV file, written atomically. The header includes units, such as ``x [m]``. Numbers are written with all
+        digits.
     variables : str or sequence of str, optional
         As in `to_frame`.
     force : bool

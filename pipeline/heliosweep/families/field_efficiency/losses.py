@@ -228,8 +228,8 @@ def check_tower(study: FieldEfficiencyStudy) -> Iterator[Problem]:
             yield study.problem("tower.top", f"covers the receiver: must be at most {bottom:g} m (got {top:g})")
         if (within := np.flatnonzero(np.hypot(layout.x, layout.y) <= radius)).size:
             message = (
-                "must be less than the distance from the tower's axis to each mirror; number of mirrors inside the tower: "
-                f"{within.size:,}, the first is "
+                "must be less than the distance from the tower's axis to each mirror; number of mirrors inside the "
+                f"tower: {within.size:,}, the first is "
             )
             first = f"{layout.where(within[0])} of {layout.name}"
             yield study.problem("tower.radius", f"{message}{first}; move or remove them")

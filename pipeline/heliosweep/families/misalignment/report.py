@@ -437,8 +437,8 @@ _FLAGS = {
         codes.EXACT: "{count} calibrations have no standard errors, because the numbers of equations and errors are "
         "equal: add {what}",
         codes.NO_OBSERVATIONS: "{count} calibrations have no usable {what}: no errors are estimated",
-        codes.DEPENDENT: "{count} calibrations cannot distinguish between the errors, least of all for {least}: no errors "
-        "are estimated; measure {what} at other hours and on other days",
+        codes.DEPENDENT: "{count} calibrations cannot distinguish between the errors, least of all for {least}: no "
+        "errors are estimated; measure {what} at other hours and on other days",
         codes.INDISTINCT: "{count} calibrations have a condition number above {limits} (up to {largest:.4g}): the "
         "{what} hardly distinguish the errors, least of all {least}; measure {what} on more days, or estimate "
         "fewer errors",
