@@ -63,6 +63,24 @@ def test_one_product_before_averaging(lit):
     assert 0.2 < float(result["field_intercept_efficiency"].min()) < 0.999
 
 
+def test_rays_agree_with_exact_polygons(lit, small, tmp_path):
+    """A huge receiver, flat mirrors and a point as the sun: shading and blocking of parallel light."""
+    (tmp_path / "point.csv").write_text("angle,brightness\n0,1\n0.001,1\n")
+    receiver = {"kind": "rectangle", "height": 60, "azimuth": 0, "tilt": -90, "width": 4000, "height_extent": 4000}
+    plain, blocks = computed(small(site={"latitude": 40})), {"heliostat": {"width": 9, "height": 8, "pivot_height": 5}}
+    point = {"kind": "table", "file": str(tmp_path / "point.csv")}
+    optics = {"sun_shape": point, "slope_error": 0, "rays": 1024}
+    result = computed(lit(receiver=receiver, optics=optics, **blocks))
+    np.testing.assert_allclose(result["cosine_efficiency"], plain["cosine_efficiency"], rtol=1e-9)
+    for name in ("shading", "blocking", "optical"):
+        found, wanted = (one[f"{name}_efficiency"].to_numpy() for one in (result, plain))
+        assert wanted.min() < 0.99 or name == "blocking"
+        np.testing.assert_allclose(found, wanted, atol=2e-3)
+    np.testing.assert_array_equal(result["intercept_efficiency"], 1.0)
+    np.testing.assert_allclose(result["total_efficiency"], result["optical_efficiency"], rtol=1e-12)
+    assert "total_efficiency" not in plain
+
+
 def test_means_and_series_share_their_rays_in_either_order_and_in_threads(lit, monkeypatch):
     layout = {"radial_stagger": {"clearance": 13, "inner_radius": 90, "heliostats": 5}}
     output, optics = {"field_series": True, "tracking_angles": True}, {**OPTICS, "rays": 64}
