@@ -18,6 +18,8 @@ EXPECTED = {
     "liu2022_table2": "factor_over_axis_tilt_direction directions_over_site path_of_the_sun error_over_day",
     "field_tolerance": "tolerance_map tolerance_hour_map hit_map tolerance_over_day hits_over_error_size spot_drift",
     "calibration_synthetic": "before_after after recovered_errors knowledge_over_days_used mount_errors",
+    "detectors_closed_loop": "beam_error_map residual_map crossings before_after after recovered_errors mount_errors "
+    "closed_loop",
     "detectors_measured": "crossings knowledge_over_parameters mount_errors",
     "gazing_measured": "slope_maps images slope_uncertainty residuals quality canting sun_profile",
     "defieux2020_figures": "slope_maps slope_errors images errors canting sun_profile",
