@@ -456,7 +456,7 @@ class Mounts(NamedTuple):
     frames: Floats
     #: Vectors from the pivots to the aim point, shape (N, 3). [m]
     to_target: Floats
-    #: Axes of the receiver's face, from `face_axes`, shape (3, 3). [1]
+    #: Axes of the receiver's face, from `face_vectors`, shape (3, 3). [1]
     face: Floats
     #: Mirror offset, axis offset and pedestal height, shape (3,). [m]
     offsets: Floats
@@ -494,7 +494,7 @@ class Mounts(NamedTuple):
         shape = np.broadcast_shapes(*(each.shape[:-1] for each in arrays))
         rows = [np.broadcast_to(each, (*shape, each.shape[-1])).reshape(-1, each.shape[-1]) for each in arrays]
         made = np.full((len(rows[0]), count), math.nan)
-        fill(*(np.array(each, np.float64, order="C") for each in (*rows, self.offsets)), made)
+        fill(*(np.require(each, np.float64, ["C", "W"]) for each in (*rows, self.offsets)), made)
         return made.reshape(*shape, count)
 
 
