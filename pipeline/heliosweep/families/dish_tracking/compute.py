@@ -15,7 +15,17 @@ from heliosweep.dish import ERRORS, SCAN, dish_intercept, largest_tilt, window_f
 from heliosweep.energy import MEGA
 from heliosweep.families.dish_tracking.study import DishTime, DishTrackingStudy, Ephemeris
 from heliosweep.families.family import Computation, Point, Points
-from heliosweep.grid import BEST_VALUE, DATE, LARGEST, SMALLEST, Parameters, Variable, daily_windows, sun_attributes
+from heliosweep.grid import (
+    BEST_VALUE,
+    DATE,
+    LARGEST,
+    SMALLEST,
+    Parameters,
+    Variable,
+    daily_windows,
+    sun_attributes,
+    window_positions,
+)
 from heliosweep.kernels.compiled import Floats
 from heliosweep.kernels.dish import Windows, pack_windows
 from heliosweep.kernels.sun import refracted
@@ -362,7 +372,7 @@ def _sunlit_windows(time: DishTime, timezone: str, sun: Sun) -> list[Stamps]:
         found.append(own[:0])
         for rise, span in zip(ends[:, 0], np.diff(ends)[:, 0].astype(np.int64), strict=True):
             steps = max(1, round(span / (time.window.step * 3600e9)))
-            positions = np.arange(steps + (time.sampling == "inclusive")) + 0.5 * (time.sampling == "midpoint")
+            positions = window_positions(steps, time.sampling)
             stamps = rise + np.round(positions * (span / steps)).astype("timedelta64[ns]")
             found[-1] = np.concatenate([found[-1], stamps])
     return found
