@@ -141,8 +141,7 @@ def sun_of(point: Point) -> Floats:
         return direction(point["sun.azimuth"], point["sun.elevation"])[np.newaxis]
     if time.clock != "civil":
         return point.sun
-    place = (point[key] for key in PLACE[:3])
-    return _civil_sun(time, point.timezone, *(np.nan if one is None else float(one) for one in place))
+    return _civil_sun(time, point.timezone, *(float(point[key]) for key in PLACE[:3]))
 
 
 @lru_cache(maxsize=64)
