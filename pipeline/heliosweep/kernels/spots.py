@@ -332,11 +332,11 @@ def canting_cotangent(
     -infinity. The error-free spot must be real and inside the aperture.
     """
     # Four separate calls are used, because a loop would not be vectorised.
-    one, _ = crossing_cotangent(sun, normal, axis, centre, face, (1.0, 0.0, half_width))
-    two, _ = crossing_cotangent(sun, normal, axis, centre, face, (-1.0, 0.0, half_width))
-    three, _ = crossing_cotangent(sun, normal, axis, centre, face, (0.0, 1.0, half_height))
-    four, _ = crossing_cotangent(sun, normal, axis, centre, face, (0.0, -1.0, half_height))
-    return max(max(one, two), max(three, four))
+    right, _ = crossing_cotangent(sun, normal, axis, centre, face, (1.0, 0.0, half_width))
+    left, _ = crossing_cotangent(sun, normal, axis, centre, face, (-1.0, 0.0, half_width))
+    top, _ = crossing_cotangent(sun, normal, axis, centre, face, (0.0, 1.0, half_height))
+    bottom, _ = crossing_cotangent(sun, normal, axis, centre, face, (0.0, -1.0, half_height))
+    return max(max(right, left), max(top, bottom))
 
 
 @inline
@@ -626,12 +626,12 @@ def spot_statistics(
 
         Fractions and tolerances are NaN if the sun is at or below the horizon.
     """
-    count = len(setting.kind), np.shape(pivots)[1]
+    sizes = len(setting.kind), np.shape(pivots)[1]
     samples, corrected, places = (
-        np.broadcast_to(each, (*count, *np.shape(each)[2:])) for each in (actual, known, pivots)
+        np.broadcast_to(each, (*sizes, *np.shape(each)[2:])) for each in (actual, known, pivots)
     )
-    suns = np.broadcast_to(sun, (count[0], *np.shape(sun)[1:]))
-    wanted, shape = np.array(percentiles, np.float64), (*count, suns.shape[1])
+    suns = np.broadcast_to(sun, (sizes[0], *np.shape(sun)[1:]))
+    wanted, shape = np.array(percentiles, np.float64), (*sizes, suns.shape[1])
     moments, tolerance = np.full((len(MOMENTS), *shape), np.nan), np.full((*shape, len(wanted), 2), np.nan)
     step = max(1, 100_000 // samples.shape[2])  # number of instants per batch, to limit memory use
     for p, h in np.ndindex(*shape[:2]):
