@@ -138,7 +138,7 @@ def figures(result: xr.Dataset) -> Iterator[Figure]:
         else "Centres of the beams before the calibration and with corrected commands."
     )
     runs = [dim for dim in ("days_used", "parameters", "noise", "detector_noise") if result.sizes.get(dim, 0) > 1]
-    errors = [str(dim) for dim in result.sizes if dim in ("error_size", *ERRORS) and result.sizes[dim] > 2]
+    errors = [str(dim) for dim in result.sizes if dim in sizes]
     yield from [
         Planes(
             "before_after",
@@ -519,7 +519,8 @@ def _of_flags(result: xr.Dataset, name: str, less: Mapping[int, int] = MappingPr
     """
     status = result[name].to_numpy()
     for code, words in _FLAGS[name].items():
-        if count := int(np.count_nonzero(which := status == code)) - less.get(code, 0):
+        which = status == code
+        if count := int(np.count_nonzero(which)) - less.get(code, 0):
             texts = {"count": f"{count:,} of {status.size:,}"}
             if name == "calibration_status":
                 direction, condition = result["least_known_direction"], result["condition_number"]
