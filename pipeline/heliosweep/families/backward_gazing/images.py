@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -235,7 +235,7 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
     noise : float
         Standard deviation of the pixel noise relative to the brightness of the sun's centre; NaN if the noise must be
         estimated from the residuals. [1]
-    metadata : list of dict
+    metadata : tuple of dict
         Metadata of the images.
     """
     entries, pictures, settings = study.images or (), _pictures(study), study.image_geometry or ImageGeometry()
@@ -274,13 +274,13 @@ def read_shots(study: BackwardGazingStudy) -> Shots:
         centre=np.stack((each("CENTREU", 0.5 * (columns - 1)), each("CENTREV", 0.5 * (rows - 1))), axis=1),
         roll=np.radians(each("ROLL", 0.0)),
         corners=corners,
-        positions=_positions(study, list(said)),
+        positions=_positions(study, said),
         geometry=_geometry(study, pictures),
         white=white,
         white_from=white_from,
         needs_gain=not set(white_from) <= set(KNOWN_WHITE),
         noise=float(each("", math.nan, settings.noise)[0]),
-        metadata=list(said),
+        metadata=said,
     )
 
 
@@ -380,7 +380,7 @@ def _white(
     return np.array([white for white, _ in pairs]), tuple(source for _, source in pairs)
 
 
-def _positions(study: BackwardGazingStudy, said: list[dict[str, float]]) -> tuple[tuple[float, float], ...] | None:
+def _positions(study: BackwardGazingStudy, said: Sequence[dict[str, float]]) -> tuple[tuple[float, float], ...] | None:
     """Return the camera positions from the study's images or their metadata, otherwise from `study.cameras`."""
     found = tuple(
         entry.camera or (one["CAMERAY"], one["CAMERAZ"])
