@@ -58,10 +58,10 @@ class Block(BaseModel):
 
     @model_validator(mode="after")
     def _keep_rules(self) -> Self:
-        given = [key for key in self.ONE_OF if getattr(self, key) is not None]
-        names = one_of(self.ONE_OF).replace(" or ", " and ") if self.ONE_OF and len(given) != 1 else ""
-        of_keys = [Fault(f"give exactly one of {names}", show_value=False)] if names else []
-        if faults := [*of_keys, *self.rules()]:
+        faults, given = list(self.rules()), [key for key in self.ONE_OF if getattr(self, key) is not None]
+        if self.ONE_OF and len(given) != 1:
+            faults.insert(0, Fault(f"give exactly one of {one_of(self.ONE_OF, 'and')}", show_value=False))
+        if faults:
             raise to_pydantic(faults)
         return self
 
@@ -607,6 +607,7 @@ class Sector(Block):
 class Terrain(Block):
     """Heights of the ground below the heliostats, relative to the tower's base."""
 
+    ONE_OF: ClassVar = ("file", "slope")
     file: Annotated[
         str | None,
         FileName("NetCDF or GeoTIFF height grid, with x east and y north of the tower, in m", sweep=False),
@@ -623,18 +624,16 @@ class Terrain(Block):
     ] = None  # fmt: skip
 
     def rules(self) -> Iterable[Fault]:
-        """Check that the terrain is either a height grid or a slope with an azimuth."""
-        one = (self.file is None) != (self.slope is None)
+        """Check that a slope is given with its azimuth."""
+        one, together = (self.file is None) != (self.slope is None), (self.slope is None) == (self.azimuth is None)
         both = "'slope' and 'azimuth' must be given together: steepness and direction of the slope"
-        return when(
-            (not one, Fault("give exactly one of 'file' and 'slope'", show_value=False)),
-            (one and (self.slope is None) != (self.azimuth is None), Fault(both, show_value=False)),
-        )
+        return when((one and not together, Fault(both, show_value=False)))
 
 
 class Layout(Block):
     """Positions of the heliostats: a table, or a generator with its parameters."""
 
+    ONE_OF: ClassVar = SOURCES
     file: Annotated[
         str | Sweep | None,
         FileName("CSV table of heliostats with the columns x, y and optionally z (all in m), and optional columns of "
@@ -692,11 +691,12 @@ class Layout(Block):
         return {"table": table, **known}
 
     def rules(self) -> Iterable[Fault]:
-        """Check that the layout has one source of positions and that the extent of a generated field is limited."""
-        sources = [key for key in SOURCES if getattr(self, key) is not None]
+        """Check that the other keys apply to the source of the positions, and that a generated field is limited."""
+        given = [key for key in type(self).model_fields if getattr(self, key) is not None]
+        sources = [key for key in given if key in SOURCES]
         if len(sources) != 1:
-            return [Fault(f"give exactly one of {one_of(SOURCES).replace(' or ', ' and ')}", show_value=False)]
-        given, (source,) = {key for key in type(self).model_fields if getattr(self, key) is not None}, sources
+            return ()
+        source = sources[0]
         if source in ("file", "table"):
             unequal = len(set(map(len, (self.table or {"": ()}).values()))) != 1
             message = f"applies only to generated layouts: remove it, or '{source}'"
@@ -711,7 +711,7 @@ class Layout(Block):
         }
         block = getattr(self, source)
         ends = [key for key in ("rings", "heliostats", "zones") if key in type(block).model_fields]
-        what = f"exactly one of {one_of(ends).replace(' or ', ' and ')}" if len(ends) > 1 else "'heliostats'"
+        what = f"exactly one of {one_of(ends, 'and')}" if len(ends) > 1 else "'heliostats'"
         return when(
             *((key in given and not any(paths.values()),
                Fault(f"applies only to {one_of(paths)}: give one of these, or remove this key", (key,),

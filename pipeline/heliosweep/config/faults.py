@@ -147,10 +147,10 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"; did you mean '{meant}'?" if meant else ""
 
 
-def one_of(names: Iterable[str]) -> str:
-    """Return the names as a phrase: ``'a', 'b' or 'c'``."""
+def one_of(names: Iterable[str], word: str = "or") -> str:
+    """Return the names as a phrase: ``'a', 'b' or 'c'``, or with another word before the last name."""
     *most, last = (f"'{name}'" for name in names)
-    return f"{', '.join(most)} or {last}" if most else last
+    return f"{', '.join(most)} {word} {last}" if most else last
 
 
 def few_of(values: Iterable[object]) -> str:
