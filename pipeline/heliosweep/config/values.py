@@ -740,13 +740,10 @@ class Quantity(Parameter):
         if not isinstance(raw, Mapping):
             return Sweep(read_items(raw, self._one, self.repeats))
         sweep = read_range(raw, self._number)
-        ends: dict[str, Any] = {
-            "start": self._one,
-            "stop": self._one,
-            "num": int,
-        }  # it is sufficient to check the bounds at both ends, because a range is monotonic
-        geometric = partial(read_mapping, readers=ends, required=(), form="")
-        read_mapping(sweep.form, {**ends, "logspace": geometric}, (), "")
+        # it is sufficient to check the bounds at both ends, because a range is monotonic
+        outer = ("logspace",) if "logspace" in raw else ()
+        ends = zip(("start", "stop"), sweep.ends(), strict=True)
+        collect((((*outer, key), partial(self._one, value)) for key, value in ends), [])
         whole = not self.integer or not (sweep.values() % 1).any()
         require(whole, "the values of the range must be whole numbers", show_value=False)
         allowed = not self.only or {*sweep.values().tolist()} <= {*self.only}
@@ -765,8 +762,8 @@ class Quantity(Parameter):
         high = min(bound for bound in (self.le, self.lt, math.inf) if bound is not None)
         mass = drawn.outside(low, high)
         if kind == NORMAL and 0 < mass < CUT:  # move an exclusive bound to the nearest allowed number
-            low, high = (math.nextafter(bound, inner) if bound == bare else bound
-                         for bound, inner, bare in ((low, math.inf, self.gt), (high, -math.inf, self.lt)))  # fmt: skip
+            low = math.nextafter(low, math.inf) if low == self.gt else low
+            high = math.nextafter(high, -math.inf) if high == self.lt else high
             limits = float(max(low, drawn.ends()[0])), float(min(high, drawn.ends()[1]))
             return Drawn(TRUNCATED, (*drawn.parts, *limits), cut=mass)
         share = f"{100 * mass:.3g} %" if mass >= CUT else f"a fraction of {mass:.2g}"
