@@ -140,10 +140,9 @@ def file_names(study_class: type[Study], data: Any) -> Iterator[tuple[Path, str]
             continue
         *outer, key = path[:-1] if isinstance(path[-1], int) else path
         blocks = [block for block in blocks_at(study_class, outer) if key in block.model_fields]
-        inner = [block for block in blocks_at(study_class, path) if isinstance(path[-1], int) and blocks]
-        listed = any(
-            "file" in block.model_fields for block in inner[:1]
-        )  # the list contains a file name instead of a block
+        # an entry of a list may be a file name instead of a block
+        entries = blocks_at(study_class, path)[:1] if blocks and isinstance(path[-1], int) else []
+        listed = any("file" in block.model_fields for block in entries)
         if listed or any(isinstance(block.parameter(str(key)), FileName) for block in blocks):
             yield path, name
 
