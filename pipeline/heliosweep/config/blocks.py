@@ -18,6 +18,7 @@ from heliosweep.config.faults import (
     MAX_FAULTS,
     SYNONYMS,
     Fault,
+    Invalid,
     Path,
     in_short,
     nearest,
@@ -392,8 +393,9 @@ def _matched(expression: str, example: str, raw: Any) -> str:
     Raises Invalid if the expression does not match.
     """
     match = re.fullmatch(expression, free_text(raw).strip())
-    require(match, f"must be {example}")
-    return match[match.lastindex or 0]  # type: ignore[index, union-attr]
+    if match is None:
+        raise Invalid(f"must be {example}")
+    return match[match.lastindex or 0]
 
 
 def licence(text: str) -> str:

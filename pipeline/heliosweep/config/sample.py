@@ -525,7 +525,7 @@ def _read(declared: Parameter, extent: Any) -> tuple[Any, Any]:
     close = high - low < max(1e-9 * max(abs(low), abs(high)), 1e-250)
     require(not close, "the numbers are too close together for a search")
     middle = low + (high - low) / 2
-    return [low, high], int(middle) if getattr(declared, "integer", False) else middle
+    return [low, high], int(middle) if isinstance(low, int) else middle
 
 
 def search_problems(study: Study) -> Iterator[Problem]:
