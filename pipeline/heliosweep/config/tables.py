@@ -248,8 +248,8 @@ class Table:
         self.require(count <= most, f"has {count:,} rows, more than {most:,} {rows}")
         header, *given = self._split()
         self._rows, problem = with_points(given, self._separator)
-        row, message = problem or (0, "")
-        self.require(not problem, message, self._numbers[row + 1 : row + 2])
+        row, message = problem or (HEADER, "")
+        self.require(not problem, message, self._numbers[row + 1])
         self.header = [cell.strip() for cell in header]
         width = max((at for at, title in enumerate(self.header, 1) if title), default=0)
         if not any(cell.strip() for row in self._rows for cell in row[width:]):  # remove empty columns at the end
@@ -389,15 +389,16 @@ class Table:
             message = f"is not CSV: {error}".replace("\t", "\\t")
         if len(rows) < len(self._texts) and (not message or reader.line_num >= len(self._texts)):
             # An unterminated quoted cell includes the following lines. The problem is reported at its first line.
-            odd = [line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2]
-            self.require(not odd, "contains a quoted cell that does not end on this line", odd)
-        self.require(not message, message, self._numbers[reader.line_num - 1 :])
+            odd = (line for line, text in zip(self._numbers, self._texts, strict=True) if text.count('"') % 2)
+            first = next(odd, None)
+            self.require(first is None, "contains a quoted cell that does not end on this line", first)
+        self.require(not message, message, self._numbers[reader.line_num - 1])
         return rows
 
-    def require(self, holds: object, message: str, lines: Sequence[int] = ()) -> None:
-        """Raise a StudyError for the first of `lines` unless `holds` is true."""
+    def require(self, holds: object, message: str, line: int | None = None) -> None:
+        """Raise a StudyError for the file, or for one of its lines, unless `holds` is true."""
         if not holds:
-            raise StudyError(Problem(message, file=self.name, line=next(iter(lines), None)))
+            raise StudyError(Problem(message, file=self.name, line=line))
 
 
 def read_table(

@@ -540,10 +540,8 @@ def _time_texts(table: Table, sheet: Sheet, key: str) -> list[str]:
 
 def _read_parts(table: Table, sheet: Sheet) -> NDArray[np.datetime64]:
     """Return the times on the clock of the file, read from the columns year, month, day, hour and minute."""
-    missing = [key for key in ("day", "hour") if key not in table.header and "time" not in table.header]
-    wanted = (
-        f"needs a column time, or date and time, or year, month, day and hour (there is no {', '.join(missing[:1])})"
-    )
+    missing = next((key for key in ("day", "hour") if not {key, "time"} & {*table.header}), "")
+    wanted = f"needs a column time, or date and time, or year, month, day and hour (there is no {missing})"
     table.require(not missing, wanted)
     parts: dict[str, Any] = {
         key: table.column(key) for key in ("year", "month", "day", "hour", "minute") if key in table.header
