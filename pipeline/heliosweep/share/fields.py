@@ -453,9 +453,9 @@ def to_frame(result: xr.Dataset, variables: str | Sequence[str] | None = None, *
     ...     heliosweep.to_frame(data, "field_optical_efficiency").columns.tolist()
     ['receiver_height', 'field_optical_efficiency']
     """
-    chosen = _chosen(result, variables)
-    frame, named = _frame(chosen), _named(chosen)
-    given = {str(name): one.attrs["units"] for name, one in chosen.variables.items() if "units" in one.attrs}
+    part = _one_table(result, variables)
+    frame, named = _frame(part), _named(part)
+    given = {str(name): one.attrs["units"] for name, one in part.variables.items() if "units" in one.attrs}
     frame.attrs["units"] = {named[name] if units else name: str(unit) for name, unit in given.items()}
     return frame.rename(columns=named) if units else frame
 
@@ -500,12 +500,12 @@ def write_csv(
     ...     heliosweep.write_csv(data, "table.csv", "field_optical_efficiency").name
     'table.csv'
     """
-    chosen = _chosen(result, variables)
+    part = _one_table(result, variables)
     file = target_file(path, force)
     with written_whole(file) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
-        for number, piece in enumerate(_pieces(chosen, next(iter(chosen.data_vars.values())).dims)):
+        for number, piece in enumerate(_pieces(part, next(iter(part.data_vars.values())).dims)):
             form: Any = {"index": False, "lineterminator": "\n", "date_format": "%Y-%m-%dT%H:%M:%S.%f"}
-            _frame(piece).rename(columns=_named(chosen)).to_csv(stream, header=not number, **form)
+            _frame(piece).rename(columns=_named(part)).to_csv(stream, header=not number, **form)
     return file
 
 
@@ -517,7 +517,8 @@ def groups(result: xr.Dataset) -> dict[tuple[str, ...], list[str]]:
     return found
 
 
-def _chosen(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dataset:
+def _one_table(result: xr.Dataset, variables: str | Sequence[str] | None) -> xr.Dataset:
+    """Return the variables with all coordinates along their dimensions. Raises StudyError if the dimensions differ."""
     names = names_of(result, variables)
     # pandas omits a second index along a dimension, such as heliostat names
     result = result.drop_indexes([name for name in result.xindexes if name not in result.dims])
@@ -572,8 +573,8 @@ def _pieces(part: xr.Dataset, dims: Sequence[Hashable]) -> Iterator[xr.Dataset]:
     yield from _pieces(part.isel({dim: slice(half, None)}), dims)
 
 
-def _named(chosen: xr.Dataset) -> dict[str, str]:
-    units = {str(name): one.attrs.get("units", "1") for name, one in chosen.variables.items()}
+def _named(part: xr.Dataset) -> dict[str, str]:
+    units = {str(name): one.attrs.get("units", "1") for name, one in part.variables.items()}
     return {name: f"{name} [{unit}]" if unit != "1" else name for name, unit in units.items()}
 
 
