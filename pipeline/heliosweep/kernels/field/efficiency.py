@@ -255,7 +255,7 @@ def _sweep(
             if most > room:
                 room = 2 * most
                 lines, frames = rows(IMAGES // ROW + 10 * room), rows((_KEPT + room + 2) * 7)
-                polygons, (marks, pieces) = rows(room), _room_for(images, room)
+                marks, polygons, pieces = _room_for(images, room)
         here = np.arange(begin, end + (begin - end) % GROUP).clip(max=end - 1)  # the last instant is repeated
         lines[: 3 * ROW].reshape(3, ROW)[:, : len(here)] = sun[here].T
         lines[WEIGHT : WEIGHT + len(here)] = weight[here]
@@ -268,15 +268,15 @@ def _sweep(
             )  # fmt: skip
             if done < len(tests):
                 images *= 2
-                marks, pieces = _room_for(images, room)
+                marks, polygons, pieces = _room_for(images, room)
     return sums
 
 
-def _room_for(images: int, candidates: int) -> tuple[Integers, Floats]:
-    """Return the scratch arrays `marks` and `pieces` of `unions` for up to `images` images."""
+def _room_for(images: int, candidates: int) -> tuple[Integers, Floats, Floats]:
+    """Return the scratch arrays `marks`, `polygons` and `pieces` of `unions` for up to `images` images."""
     # each image may add up to 5 corners to a piece
     pieces = np.empty((images + 1) * 6 * (4 + CORNERS * (images + 2)) + 64)
-    return np.empty((images + 4, candidates), np.int64), pieces
+    return np.empty((images + 4, candidates), np.int64), np.empty(images * 2 * CORNERS), pieces
 
 
 def _candidates(
