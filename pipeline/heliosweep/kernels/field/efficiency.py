@@ -349,8 +349,8 @@ def _sweep_packet(
         for k in range(lanes):
             store(lines, TO_TARGET, k, (mounts[i, 2], mounts[i, 3], mounts[i, 4]))
         used = _have_frame(i, mounts, tracking, lines, frames, place, used, lanes)
-        made = _shade_by_tower(i, spheres, tower, lines, frames, place, marks, polygons, pieces, lanes)
         write_axes(lines, frames, place[i], 0, lanes)
+        made = _shade_by_tower(i, spheres, tower, lines, frames, place, marks, polygons, pieces, lanes)
         for m in range(ends[t], ends[t + 1]):
             j = shaders[m]
             if occludes(i, j, bundle, np.inf, spheres):
@@ -396,7 +396,6 @@ def _shade_by_tower(i, spheres, tower, lines, frames, place, marks, polygons, pi
     made = np.int64(0)
     if tower[0] > 0.0:
         base = -spheres[i, 0], -spheres[i, 1], -spheres[i, 2]
-        write_axes(lines, frames, place[i], 0, lanes)
         made += project_tower(lines, marks, frames, place[i], base, spheres[i, 3], tower, lanes)
         unions(lines, marks, polygons, pieces, made, made, lanes)
     for k in range(lanes):
