@@ -326,14 +326,13 @@ def write_comparison(compared: Sequence[tuple[Path, xr.Dataset, Any]], file: Pat
         entries.append({"name": name, "title": title, "about": folder.resolve().name, "link": link})
     joined = together(results)
     same = HELIOSTAT not in joined.sizes or all(RESULT not in joined[side].dims for side in "xy" if side in joined)
-    headlines, declared = (), default_figures(joined)
-    if family:
-        headlines, declared = family.headlines, family.figures(compared[0][1])
+    declared = family.figures(compared[0][1]) if family else default_figures(joined)
+    known = family.headlines if family else ()
     figures = list(draw(joined, _over_results(declared, same))) if joined.data_vars else []
     remarks = [] if joined.data_vars else ["The results have no common points. A table shows their ranges."]
     remarks += [] if same else ["The results have different heliostats, so difference maps are not shown."]
-    made = [replace(ranges(one, headlines), notes=[f"Ranges of result {name}."]) for name, one in results.items()]
-    made = [_differences(joined, headlines)] if joined.data_vars else made
+    made = [replace(ranges(one, known), notes=[f"Ranges of result {name}."]) for name, one in results.items()]
+    made = [_differences(joined, known)] if joined.data_vars else made
     text = render(
         "several.html",
         title=f"{len(results)} results compared",
