@@ -86,9 +86,10 @@ class Spacing(NamedTuple):
 
         The last term of the fit is often printed as 0.2873 m, which applies only to mirrors 10 m wide.
         """
+        if self.rule != "delsol":
+            return 0.0
         t = self.elevation(radius)
-        fit = 1.7490871 + 0.63964099 * t + 0.028726279 / (t - 0.049023315)
-        return self.width * fit if self.rule == "delsol" else 0.0
+        return self.width * (1.7490871 + 0.63964099 * t + 0.028726279 / (t - 0.049023315))
 
     def reaches(self, radius: float) -> bool:
         """Return True if the spacing rule is defined at a radius [m]."""
