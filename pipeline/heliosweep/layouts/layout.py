@@ -401,7 +401,7 @@ def read_text(text: str, name: str, reserved: Collection[str] = ()) -> Layout:
         lines, texts = _with_header(lines, texts, separator)
     lines, texts = lines[header:], texts[header:]
     units = [cell.strip(" ()[]") for cell in "".join(texts[1:2]).split(separator)]
-    if not {*units} & {*UNITS} or "1" in units or not all(unit in ("", "-") or unit in UNITS for unit in units):
+    if UNITS.keys().isdisjoint(units) or "1" in units or not all(unit in ("", "-") or unit in UNITS for unit in units):
         units = []
     del lines[1 : 1 + bool(units)], texts[1 : 1 + bool(units)]
     needs = "a header with the columns x and y, and one row for each heliostat"

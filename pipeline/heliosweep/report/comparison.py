@@ -111,7 +111,7 @@ class Compared:
         lines = []
         for row in self.values.to_dict("records"):
             stated, verdict = row["stated_computed"], row["stated_verdict"]
-            name = row["claim"] or " ".join(filter(None, (row["quantity"], *(row[key] for key in self.coordinates))))
+            name = row["claim"] or " ".join([row["quantity"], *(row[key] for key in self.coordinates if row[key])])
             if verdict not in ("", row["verdict"]):
                 lines.append(f"{name}: the table states {verdict!r}, but it {row['verdict']}")
             elif stated and not abs(float(stated) - row["computed"]) <= 1.01 * 10.0 ** -_decimals(stated):

@@ -214,10 +214,10 @@ def _headline(result: xr.Dataset, array: xr.DataArray) -> tuple[str, str, str]:
     point = {str(dim): int(index) for dim, index in zip(array.dims, indices, strict=True)}
     where = Context(result).fulls({dim: i for dim, i in point.items() if array.sizes[dim] > 1 and dim in result.coords})
     if inner:  # the note locates the worst part of the result
-        return f"{low} to {high}", unit, f"{worst} at {where}" * bool(where)
+        return f"{low} to {high}", unit, f"{worst} at {where}" if where else ""
     count = int(np.isfinite(values).sum())
     note = f"{best} of {count:,} points, at {where}; {worst} {other}{NO_BREAK_SPACE}{unit}".rstrip()
-    return text, unit, note * bool(where)
+    return text, unit, note if where else ""
 
 
 def without(made: Sequence[Table], headlines: Sequence[Mapping[str, str]]) -> list[Table]:

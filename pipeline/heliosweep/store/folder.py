@@ -448,7 +448,9 @@ def verify(folder: str | os.PathLike[str]) -> Verification:
             damaged = [name for name in done if store.load(name) is None]
             lines.append(f"{len(done) - len(damaged):,} of {store.record['chunks']:,} chunks are done")
             damage += [f"chunk {name}: is damaged; the next run computes it again" for name in damaged]
-            lines += [*damage, *["note: a run is active in this folder"] * is_locked(place)]
+            lines += damage
+            if is_locked(place):
+                lines.append("note: a run is active in this folder")
             return Verification(place, False, not damage, lines)
         if not place.is_dir():
             raise HeliosweepError("is not a folder: specify a result folder, or run the study")
