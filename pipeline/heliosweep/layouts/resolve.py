@@ -175,7 +175,7 @@ class Layouts:
         wanted, study = PROPERTIES[name], self._study
         block, _, key = wanted.key.partition(".")
         parent: Any = getattr(study, block or "optics", None)
-        given = getattr(parent, key or "-", None)
+        given = getattr(parent, key, None)
         instead = {
             "slope_error": ("slope_map", "slope_error_horizontal", "slope_error_vertical"),
             "cleanliness": ("cleanliness_by_month",),

@@ -423,7 +423,7 @@ def _coloured(context: Context, figure: Coloured, over: Sequence[str]) -> Iterat
     for axes, (name, point, values) in zip(grid, shown, strict=True):
         array = context.result[name]
         look = shades([values] if figure.each else maps, figure.palette, figure.kinds)
-        _panel(axes, context, figure, over, array, {**fixed, **point}, values, look)
+        _panel(axes, context, figure, over, {**fixed, **point}, values, look)
         axes.set_title(fold(_title(context, figure, array, point, values), int(TITLE_LETTERS * WIDE / max(columns, 2))))
         if figure.each or (axes is grid[0] and not figure.kinds):
             colour_bar(drawing, [axes] if figure.each else grid, *look, axis_label(context.result[name]))
@@ -446,8 +446,8 @@ def _shape(context: Context, figure: Coloured, over: Sequence[str]) -> tuple[flo
 
 
 def _panel(
-    axes: Axes, context: Context, figure: Coloured, over: Sequence[str], array: xr.DataArray, place: Point,
-    values: np.ndarray, look: Sequence[Any],
+    axes: Axes, context: Context, figure: Coloured, over: Sequence[str], place: Point, values: np.ndarray,
+    look: Sequence[Any],
 ) -> None:  # fmt: skip
     """Draw a map of mirrors, or a grid of cells whose first dimension is vertical."""
     if isinstance(figure, Maps):
