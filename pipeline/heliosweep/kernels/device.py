@@ -4,6 +4,8 @@ All threads of a thread block work on the same block of rays. The functions `lan
 kernel's module are replaced by versions for the device. All other code is shared by the CPU and the GPU.
 """
 
+import dis
+import inspect
 import os
 import threading
 import types
@@ -66,34 +68,43 @@ def _run(problem: Any, sums: Any, cells: Any, whole: Any, found: Any, frames: An
 
 
 @cache
-def _device_kernel(parts: tuple[Any, ...], floats: tuple[int, int, int], threads: int) -> Any:
-    """Compile `parts` for the device, and return a kernel that runs the last function."""
+def _device_kernel(function: Any, floats: tuple[int, int, int], threads: int) -> Any:
+    """Compile a function for the device, and return a kernel that runs it."""
     from numba import cuda
 
     names = {"cuda": cuda, "floats": floats, "threads": threads}
-    for function in (lane, lanes, barrier, add, *parts):
-        source = getattr(function, "py_func", function)
-        compiled = cuda.jit(device=True, fastmath=True)(
+
+    def compiled(part: Any) -> Any:
+        """Compile a function after the functions that it calls."""
+        source = getattr(part, "py_func", part)
+        for name in (each.argval for each in dis.get_instructions(source) if each.opname == "LOAD_GLOBAL"):
+            called = source.__globals__.get(name)
+            if name not in names and (hasattr(called, "py_func") or inspect.isfunction(called)):
+                names[name] = compiled(called)
+        return cuda.jit(device=True, fastmath=True)(
             types.FunctionType(source.__code__, {**source.__globals__, **names})
         )
-        names[source.__name__] = names["work"] = compiled
+
+    for each in (lane, lanes, barrier, add):
+        names[each.__name__] = compiled(each)
+    names["work"] = compiled(function)
     return cuda.jit(types.FunctionType(_run.__code__, {**_run.__globals__, **names}))
 
 
 def run_on_device(
-    parts: tuple[Any, ...], floats: tuple[int, int, int], lanes: int, problem: tuple[Any, ...], bodies: int, pairs: int,
+    function: Any, floats: tuple[int, int, int], lanes: int, problem: tuple[Any, ...], bodies: int, pairs: int,
     sums: Any, cells: Any, whole: Any,
 ) -> None:  # fmt: skip
-    """Run the last function of `parts` on the device, and add its results to the output arrays.
+    """Run a function on the device, and add its results to the output arrays.
 
     Parameters
     ----------
-    parts : tuple of functions
-        Functions to compile for the device, each after the functions that it calls.
+    function : function
+        Function to run. It is compiled for the device together with the functions that it calls.
     floats, lanes : (int, int, int), int
         Sizes of the three shared arrays (scratch, constants and counts), and number of rays in a block.
     problem : tuple
-        Input arrays and numbers of the last function.
+        Input arrays and numbers of the function.
     bodies, pairs : int
         Number of heliostats in the field, and number of heliostat-instant pairs to trace.
     sums, cells, whole : ndarray
@@ -107,6 +118,6 @@ def run_on_device(
         given = tuple(cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in problem)
         found, frames = cuda.device_array((blocks, bodies), np.int64), cuda.device_array((blocks, bodies, 12))
         stamp = cuda.to_device(np.full((blocks, bodies), -1))
-        kernel = _device_kernel(parts, floats, lanes)
+        kernel = _device_kernel(function, floats, lanes)
         kernel[blocks, lanes](given, sums, cells, whole, found, frames, stamp)
         cuda.synchronize()

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from heliosweep.kernels.compiled import Floats, Integers, inline, inner, kernel
 from heliosweep.kernels.device import run_on_device
-from heliosweep.kernels.field import packets
 from heliosweep.kernels.field.packets import AZIMUTH_ELEVATION, by_cells, cone, search
 from heliosweep.kernels.mounts import face_vectors, pointing_turns
 from heliosweep.kernels.sunshapes import SunShape, pillbox, quantile
@@ -748,13 +747,8 @@ def trace(
             optics, receiver, place, slope, number, maps.facet, tower, scale, share, area, stride,
         )  # fmt: skip
         if cuda:
-            parts = (  # called functions first
-                packets.dot, packets.larger, packets.smaller, packets.offset, packets.occludes, packets._beside, search,
-                cone, _frame, _place, _map_slopes, _reflect, _cover, _tower, _meet_cylinder, _meet_rectangle, _count,
-                _rotated, _constants, _add, trace_pairs,
-            )  # fmt: skip
             run_on_device(
-                parts, (_ROWS * _LANES, _CONSTANTS, 6 * REPLICATES), _LANES, problem, count,
+                trace_pairs, (_ROWS * _LANES, _CONSTANTS, 6 * REPLICATES), _LANES, problem, count,
                 (end - begin) * (last - first), part, flux, whole,
             )  # fmt: skip
         else:
