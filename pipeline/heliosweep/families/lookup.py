@@ -60,53 +60,65 @@ MOST_NUMBERS = 100
 #: Maximum width of the confidence interval of a total index; a warning is given for wider intervals. [1]
 WIDE = 0.1
 
-#: Statistics of each variable. Keys are suffixes of variable names. Values are the additional dimension, the long
+#: Statistics of each variable. Keys are suffixes of variable names. Values are the additional dimensions, the long
 #: name, and the names of attributes that are copied from the variable.
-_STATISTICS: dict[str, tuple[str, str, tuple[str, ...]]] = {
-    "sample_mean": ("", "mean of the {} over the draws", ("units", "cell_methods", "valid_range", BEST_VALUE)),
+_STATISTICS: dict[str, tuple[tuple[str, ...], str, tuple[str, ...]]] = {
+    "sample_mean": ((), "mean of the {} over the draws", ("units", "cell_methods", "valid_range", BEST_VALUE)),
     "sample_standard_deviation": (
-        "",
+        (),
         "sample standard deviation of the {} over the draws",
         ("units", "cell_methods", "valid_range"),
     ),
     "sample_standard_error": (
-        "",
+        (),
         "standard error of the mean of the {} over the draws",
         ("units", "cell_methods", "valid_range"),
     ),
     "sample_percentile": (
-        PERCENTILE,
+        (PERCENTILE,),
         "percentiles of the {} over the draws",
         ("units", "cell_methods", "valid_range", BEST_VALUE),
     ),
 }
-_SENSITIVITIES: dict[str, dict[str, tuple[str, str, tuple[str, ...]]]] = {
+_SENSITIVITIES: dict[str, dict[str, tuple[tuple[str, ...], str, tuple[str, ...]]]] = {
     SOBOL: {
-        "first_order_index": (PARAMETER, "fraction of the variance of the {} that each parameter explains alone", ()),
+        "first_order_index": (
+            (PARAMETER,),
+            "fraction of the variance of the {} that each parameter explains alone",
+            (),
+        ),
         "first_order_interval": (
-            PARAMETER,
+            (PARAMETER,),
             "half-width of the 95 % confidence interval of the first-order index of the {}",
             (),
         ),
         "total_index": (
-            PARAMETER,
+            (PARAMETER,),
             "fraction of the variance of the {} that each parameter explains alone and through interactions",
             (),
         ),
-        "total_interval": (PARAMETER, "half-width of the 95 % confidence interval of the total index of the {}", ()),
+        "total_interval": ((PARAMETER,), "half-width of the 95 % confidence interval of the total index of the {}", ()),
     },
     MORRIS: {
-        "effect_mean": (PARAMETER, "mean elementary effect of each parameter on the {}", ("units",)),
-        "effect_mean_magnitude": (PARAMETER, "mean magnitude of the elementary effects on the {}", ("units",)),
-        "effect_standard_deviation": (PARAMETER, "standard deviation of the elementary effects on the {}", ("units",)),
+        "effect_mean": ((PARAMETER,), "mean elementary effect of each parameter on the {}", ("units",)),
+        "effect_mean_magnitude": ((PARAMETER,), "mean magnitude of the elementary effects on the {}", ("units",)),
+        "effect_standard_deviation": (
+            (PARAMETER,),
+            "standard deviation of the elementary effects on the {}",
+            ("units",),
+        ),
     },
     LOCAL: {
         "change_down": (
-            PARAMETER,
+            (PARAMETER,),
             "change of the {} if each parameter decreases by one standard deviation",
             ("units",),
         ),
-        "change_up": (PARAMETER, "change of the {} if each parameter increases by one standard deviation", ("units",)),
+        "change_up": (
+            (PARAMETER,),
+            "change of the {} if each parameter increases by one standard deviation",
+            ("units",),
+        ),
     },
 }
 
@@ -171,20 +183,19 @@ class Sampled(Wrapped):
                 continue
             others = tuple(dim for dim in one.dims if dim != SAMPLE)
             numbers = math.prod(work.inner[dim] for dim in others if dim in work.inner)
-            large = ("heliostat" in others) | (numbers > MOST_NUMBERS)
-            if large and not statistical and not sample.statistics.every_draw:
-                continue
+            large = "heliostat" in others or numbers > MOST_NUMBERS
             passing = large and not sample.statistics.every_draw
+            if passing and not statistical:
+                continue
             found[name] = replace(one, dims=(*others, SAMPLE), finished=False, passing=passing)
             made = dict(statistical)
             if design.sensitivity and not large and numbers <= 12:  # limit the number of sensitivity variables
                 made |= _SENSITIVITIES[design.sensitivity]
-            for ending, (dim, words, kept) in made.items():
-                attrs = {"units": "1", "long_name": words.format(one.attrs.get("long_name", "result"))}
+            for ending, (dims, words, kept) in made.items():
+                attrs = _attributes(one, words, kept)
                 if ending in _SENSITIVITIES[MORRIS]:
                     attrs["comment"] = "change from the 12.5 % to the 87.5 % quantile of the parameter"
-                attrs |= {name: one.attrs[name] for name in kept if name in one.attrs}
-                found[f"{name}_{ending}"] = Variable((*others, *filter(None, [dim])), attrs, finished=True)
+                found[f"{name}_{ending}"] = Variable((*others, *dims), attrs, finished=True)
         return found
 
     def coordinates(self, study: Any) -> xr.Dataset:
@@ -260,6 +271,12 @@ class Sampled(Wrapped):
         from heliosweep.report.draws import tables
 
         return tables(result, self.inner.headlines)
+
+
+def _attributes(one: Variable, words: str, kept: Iterable[str]) -> dict[str, Any]:
+    """Return the attributes of a statistic of a variable: its long name, and the attributes `kept` of the variable."""
+    attrs = {"units": "1", "long_name": words.format(one.attrs.get("long_name", "result"))}
+    return attrs | {name: one.attrs[name] for name in kept if name in one.attrs}
 
 
 def _words(study: Study) -> str:
