@@ -95,8 +95,9 @@ class Economics(Block):
         own = [key for key in costs if getattr(self, key) != fields[key].default]
         needed = set(costs) - self.model_fields_set - {"other_cost", "operation_cost"}
         return when(
-            (self.currency is None and own,
-             Fault(f"'currency' is missing: set the currency of '{[*own, ''][0]}', for example USD", show_value=False)),
+            *((self.currency is None,
+               Fault(f"'currency' is missing: set the currency of '{key}', for example USD", show_value=False))
+              for key in own[:1]),
             *((not known and key in needed,
                Fault(f"'{key}' is missing: its default is in USD; give it in {self.currency}", show_value=False))
               for key in costs),
