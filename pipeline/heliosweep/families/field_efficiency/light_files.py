@@ -62,15 +62,18 @@ class SlopeMap(NamedTuple):
 
     def fits(self, width: float, height: float, facets: Any = None) -> bool:
         """Return True if the map fits a mirror or a facet: its outer points are within one grid step of the edges."""
-        mirror = all(
-            abs(sign * at[end] - side / 2) <= 1.000001 * (at[1] - at[0])
-            for at, side in ((self.x, width), (self.y, height))
-            for end, sign in ((0, -1), (-1, 1))
+        sizes = [(width, height)]
+        if facets is not None:
+            counts = ((width, facets.columns), (height, facets.rows))
+            sizes.append(tuple((side + facets.gap) / count - facets.gap for side, count in counts))
+        return any(
+            all(
+                abs(sign * at[end] - side / 2) <= 1.000001 * (at[1] - at[0])
+                for at, side in zip((self.x, self.y), size, strict=True)
+                for end, sign in ((0, -1), (-1, 1))
+            )
+            for size in sizes
         )
-        if facets is None:
-            return mirror
-        sides = ((width, facets.columns), (height, facets.rows))
-        return mirror or self.fits(*((side + facets.gap) / count - facets.gap for side, count in sides))
 
 
 @read_once(4)
