@@ -275,9 +275,10 @@ class FieldEfficiencyStudy(Study):
         )  # fmt: skip
         yield from weather_faults(self)
         yield from keep_faults(self)
-        for wrong, key, message in checks:
-            if wrong:
-                yield Fault(message, tuple(filter(None, key.split("."))), show_value=False)
+        yield from when(*(
+            (wrong, Fault(message, tuple(key.split(".")) if key else (), show_value=False))
+            for wrong, key, message in checks
+        ))  # fmt: skip
 
     def dimension_names(self) -> dict[str, str]:
         """Return the names of the dimensions, as in `Study.dimension_names`.
