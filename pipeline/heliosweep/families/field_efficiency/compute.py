@@ -273,8 +273,8 @@ def _series_of(
     x, y, z = np.where(sun[part, 2:] > 0, sun[part], np.nan).T
     of_field = {"sun_azimuth": np.degrees(np.arctan2(x, y)) % 360.0,
                 "sun_elevation": np.degrees(np.arctan2(z, np.hypot(x, y)))}  # fmt: skip
-    sun = sun if hours is None else hours.sun
-    of_field |= {} if hours is None else {"dni": hours.dni[part]}
+    if hours is not None:
+        sun, of_field["dni"] = hours.sun, hours.dni[part]
     if isinstance(field, TracedField):
         found = field.series(sun, part, hours, first, stop, sums)
         if hours is not None and has_heat(point.study):
@@ -282,9 +282,10 @@ def _series_of(
         return found, of_field | {name: found.pop(name) for name in list(found) if name.startswith("field_")}
     blocks, area = _blocks(point.study, len(sun), first, stop), field.area[first:stop]
     found = _joined([field.series(sun, part, hours, start, end) for start, end in blocks])
-    power = found.get("instantaneous_power", np.zeros((1, 0))).sum(axis=-1)
     of_field |= {f"field_{name}": (values * area).sum(axis=-1) / area.sum() for name, values in found.items()}
-    return found, of_field | {"field_power": 1e-3 * power}
+    if hours is not None:
+        of_field["field_power"] = 1e-3 * found["instantaneous_power"].sum(axis=-1)
+    return found, of_field
 
 
 def _angles(
