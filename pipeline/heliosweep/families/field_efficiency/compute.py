@@ -420,10 +420,9 @@ def finish(points: Points, computed: xr.Dataset) -> dict[str, np.ndarray]:
     each = [_finished(point, {name: array[point.index] for name, array in arrays.items()}) for point in points]
     made = {name: np.reshape([one[name] for one in each], (*points.sizes.values(), *np.shape(value)))
             for name, value in each[0].items()}  # fmt: skip
-    made |= {name: arrays[name] for name in ("field_heat",) if name in arrays}
     if study.economics is not None:
-        made |= costs_of(points, made, made.get("field_heat", made["field_receiver_energy"]))
-    return made | over_years(study, [*points.sizes], made)
+        made |= costs_of(points, made, arrays.get("field_heat", made["field_receiver_energy"]))
+    return made | over_years(study, [*points.sizes], arrays | made)
 
 
 def _finished(point: Point, values: Mapping[str, Any]) -> dict[str, Any]:
