@@ -434,7 +434,7 @@ class TracedField(NamedTuple):
     def maps(self) -> dict[str, Any]:
         """Return flux maps, peak and mean flux, and standard errors by variable name; NaN if the sun is down."""
         found, values, wanted = dict[str, Any](), self.way.values, self.study.output.flux_map
-        for name, light in (self.light or {}).items() if wanted is not None else ():
+        for name, light in (self.light or {}).items():
             if name == "sums":
                 continue
             flux, unit = light
@@ -534,7 +534,8 @@ class TracedField(NamedTuple):
 
         The flux map `name` is multiplied by `scale`. If `summed` is False, sums at each instant are omitted.
         """
-        light, stride = self.light, drawn_step(self.study, len(self.area) * len(sun))
+        light: Any = self.light
+        stride = drawn_step(self.study, len(self.area) * len(sun))
         cells = flux_cells(self.study) if light is not None and name else None
         summed = summed and "sums" in (light or {})
         share, area = self.share if cells or summed else None, self.area if summed else None
@@ -556,11 +557,10 @@ class TracedField(NamedTuple):
                 f"rays of {threading.get_ident()}, {len(sun)}",
             )
             made = self.way.inputs.last(cache, key, traced, 1 + budget_cases(self.study))
-        found: dict[str, Any] = light if light is not None else {}
         if cells:
-            found[name] = found.get(name, (0, 0.0))[0] + made.flux, scale * made.unit
+            light[name] = light.get(name, (0, 0.0))[0] + made.flux, scale * made.unit
         if summed:
-            found["sums"] = found["sums"] + made.field
+            light["sums"] = light["sums"] + made.field
         return made
 
     def _traced(self, sun: Floats, first: int, last: int, **given: Any) -> rays.Traced:
