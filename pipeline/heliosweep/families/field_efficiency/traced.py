@@ -134,10 +134,10 @@ class Way(NamedTuple):
 
     def _image(self, slant: Floats) -> tuple[rays.Errors, sunshapes.SunShape, Floats]:
         """Return the random errors, the sun shape, and 1 / (2 focal length) along u and v, shape (N, 2) [1/m]."""
-        values, layout = self.values, self.layout
+        values, layout, number = self.values, self.layout, self.number
         axes = [values[f"slope_error_{axis}"] for axis in ("horizontal", "vertical")]
         axes = [values["slope_error"]] * 2 if axes[0] is None else axes
-        slopes = [np.where(self.number >= 0, 0.0, layout.values("slope_error", slope)) for slope in axes]
+        slopes = [np.where(number >= 0, 0.0, layout.values("slope_error", slope)) for slope in axes]
         u, v = (1e-3 * np.hypot(slope, values["tracking_error"]) for slope in slopes)
         ratio = [values["circumsolar_ratio"]] * (values["kind"] == "buie")
         sun = self.inputs.sun if values["kind"] == "table" else getattr(sunshapes, values["kind"])(*ratio)
