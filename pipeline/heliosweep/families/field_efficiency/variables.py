@@ -82,12 +82,11 @@ DESIGN = tuple(f"design_point_{name}" for name in (*EFFICIENCIES, *LIGHT))
 #: Products of cosine, shading and blocking efficiency: mean product of a heliostat, and product of the field means.
 PRODUCT = "factored_efficiency"
 FACTORED = "field_efficiency_factored"
-#: Variables with random errors from ray tracing: first heliostat efficiencies (including the design point),
-#: then all variables. Results with draws omit most standard errors, but include the standard errors of flux maps.
-NOISY = tuple(f"{of}{name}_efficiency" for of in ("", "design_point_")
-              for name in ("shading", "blocking", "optical", "intercept", "total"))  # fmt: skip
+#: Variables with random errors from ray tracing. Results with draws omit most standard errors, but include the standard
+#: errors of flux maps.
 _NOISY = (
-    *NOISY, *(f"field_{name}" for name in NOISY), "design_point_power", "field_power",
+    *(f"{of}{at}{name}_efficiency" for of in ("", "field_") for at in ("", "design_point_")
+      for name in ("shading", "blocking", "optical", "intercept", "total")), "design_point_power", "field_power",
     *("receiver_energy", "field_receiver_energy", "heliostat_monthly_receiver_energy", "monthly_receiver_energy"),
     *("heliostat_loss", "loss", "instantaneous_total_efficiency", "field_instantaneous_total_efficiency"),
 )  # fmt: skip
