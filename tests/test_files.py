@@ -57,6 +57,19 @@ def test_what_the_system_says(tmp_path, free):
     assert said == f"{path}: cannot be written: Permission denied (10.0 GB free)"
 
 
+def test_outdated_files_stay_if_the_new_file_cannot_be_flushed(tmp_path, monkeypatch):
+    old, path = tmp_path / "manifest.json", tmp_path / "result.nc"
+    write_whole(old, "old")
+    with monkeypatch.context() as patched:
+        patched.setattr(files.os, "fsync", lambda _: os.open(tmp_path / "missing", os.O_RDONLY))
+        with pytest.raises(HeliosweepError), written_whole(path, [old]) as temporary:
+            temporary.touch()
+    assert old.exists()
+    with written_whole(path, [old]) as temporary:
+        temporary.touch()
+    assert [place.name for place in tmp_path.iterdir()] == ["result.nc"]
+
+
 def test_a_file_takes_the_place_of_another_when_it_is_complete(tmp_path):
     path = tmp_path / "a.txt"
     write_whole(path, "one \udc80")

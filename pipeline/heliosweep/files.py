@@ -90,7 +90,7 @@ def seen_from(folder: Path, path: Path) -> str:
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
+def written_whole(path: Path, outdated: Iterable[Path] = ()) -> Iterator[Path]:
     """Yield a temporary file name, and rename the complete file to `path`.
 
     The file is flushed to disk before it is renamed.
@@ -99,6 +99,8 @@ def written_whole(path: Path) -> Iterator[Path]:
     ----------
     path : pathlib.Path
         File to write. An existing file is replaced atomically.
+    outdated : iterable of pathlib.Path
+        Files to remove after the flush, immediately before the file is renamed.
 
     Yields
     ------
@@ -116,6 +118,8 @@ def written_whole(path: Path) -> Iterator[Path]:
             yield temporary
             with temporary.open("rb+") as file:
                 os.fsync(file.fileno())
+            for each in outdated:
+                each.unlink(missing_ok=True)
             temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -265,7 +265,8 @@ def write_result(
     path = folder / RESULT
     level = 0 if output.compression == "none" else output.compression_level
     chunks = {**sizes, **cuts["series"].block} if level and "series" in cuts else {}
-    with written_whole(path) as temporary:
+    # If a run is killed after the removal, the folder has no manifest, and the next run starts again.
+    with written_whole(path, [folder / name for name in DESCRIPTIONS]) as temporary:
         with LIBRARY_LOCK:
             file = netCDF4.Dataset(temporary.absolute(), "w", format="NETCDF4")
         try:
@@ -284,9 +285,6 @@ def write_result(
             with LIBRARY_LOCK, suppress(OSError, RuntimeError):
                 if file.isopen():
                     file.close()  # closing the file writes data, which fails again if the disk is full
-        # If a run is killed here, the folder has no manifest, and the next run starts again.
-        for name in DESCRIPTIONS:
-            (folder / name).unlink(missing_ok=True)
     return path
 
 
